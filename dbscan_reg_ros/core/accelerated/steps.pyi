@@ -15,6 +15,7 @@ from ..features.segments import extract_segments as extract_segments
 from ..features.small_objects import find_small_objects as find_small_objects
 from ..features.small_objects import with_poles as with_poles
 from ..odometry.mapping.correspondences import align as align
+from ..odometry.mapping.correspondences import weighted_by_agreement as weighted_by_agreement
 from ..odometry.mapping.dynamic_points import beside as beside
 from ..odometry.mapping.dynamic_points import detached_points as detached_points
 from ..odometry.mapping.dynamic_points import dynamic_points as dynamic_points

@@ -5,6 +5,7 @@
 Arrays come in and go out; loops run over typed views, without the interpreter. Every index is checked.
 """
 import math
+from dataclasses import replace
 from functools import lru_cache, partial
 
 import numpy as np
@@ -102,7 +103,8 @@ STEPS = (
     'polish_best',
     'search_degenerate_direction', 'uncertainty', 'match_covariance', 'collect_evidence', 'log_odds', 'assess',
     'find_rivals',
-    'look_up_pairs', 'points_by_frame', 'look_up_correspondences', 'align', 'align_to_map', 'alignment_uncertainty',
+    'look_up_pairs', 'points_by_frame', 'look_up_correspondences', 'weighted_by_agreement', 'align', 'align_to_map',
+    'alignment_uncertainty',
     'confirm', 'dynamic_points', 'detached_points', 'beside', 'information_ratio', 'newest_in_cell',
     'older_map_points', 'with_poles',
     'propagate_errors',

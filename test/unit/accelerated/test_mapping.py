@@ -10,7 +10,7 @@ from dbscan_reg_ros import SE2, Parameters, Scan, extract_features
 from dbscan_reg_ros.core.backend import REFERENCE
 from dbscan_reg_ros.core.features.free_space import build_free_space_profile
 from dbscan_reg_ros.core.features.oriented_points import high_leverage
-from dbscan_reg_ros.core.odometry.mapping.correspondences import PosePrior, align
+from dbscan_reg_ros.core.odometry.mapping.correspondences import PosePrior, align, weighted_by_agreement
 from dbscan_reg_ros.core.odometry.mapping.dynamic_points import (
     beside,
     detached_points,
@@ -72,6 +72,17 @@ def test_alignment(both, rng, window):
             for information in (np.zeros((3, 3)), np.diag((10.0, 20.0, 30.0)) + rng.normal(0.0, 1.0, (3, 3))):
                 for scales in ([], [0.05], [0.05, 0.03, 0.01]):
                     both(align, each, other, PosePrior(pose, 0.5 * (information + information.T)), scales, 0.003)
+
+
+def test_agreement_of_lidars(both, rng, window):
+    """Half of the key frames are those of the own lidar; also with inverse noise scales and weights of points."""
+    own = KeyFrameWindow(window.frames[::2])
+    points = oriented_points(rng, 180, reach=3.0)
+    for each in (points, dataclasses.replace(noisy(rng, points), weights=rng.uniform(size=180))):
+        found, of_own = (part.correspondences(SE2.from_array(rng.normal(0.0, 0.02, 3)), each, P.density)
+                         for part in (window, own))
+        for noise in (0.01, 0.1):
+            both(weighted_by_agreement, found, of_own, window.is_in(own), 0.05, noise)
 
 
 SETTINGS = {

@@ -11,9 +11,10 @@ from rooms import look
 from dbscan_reg_ros import SE2, Parameters
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints, high_leverage
-from dbscan_reg_ros.core.odometry.mapping.correspondences import PosePrior, align
+from dbscan_reg_ros.core.odometry.mapping.correspondences import PosePrior, align, weighted_by_agreement
 from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
+from dbscan_reg_ros.core.odometry.sensor import Sensor
 from dbscan_reg_ros.core.registration.point_to_line import NO_STEP, normal_equations
 
 PARAMETERS = Parameters()
@@ -178,3 +179,45 @@ def test_a_window_drops_its_oldest_key_frames():
     frames = [KeyFrame(features(START), SE2(float(k), 0.0, 0.0)) for k in range(3)]
     grown = KeyFrameWindow(frames[:2]).with_frame(frames[2], 2)
     assert grown.frames == (frames[1], frames[2]) and grown.latest is frames[2]
+
+
+WALLS = [[(-2.0, -1.0), (2.0, -1.0)], [(-2.0, 1.5), (2.0, 1.5)]]
+
+
+def seen_up_to(x, count=3, **sensor):
+    """Key frames of a lidar in a corridor of 2.5 m by 4 m that ends at a cabinet, which the lidar sees at `x` [m]."""
+    ends = [] if x is None else [[(x, -1.0), (x, 1.5)]]
+    return [KeyFrame(extract_features(look(np.array(WALLS + ends)), PARAMETERS), SE2(), **sensor)] * count
+
+
+def among_two_lidars(own_x, other_x):
+    """Points of a scan at the origin, its pairs with key frames of two lidars, and the same weighted by agreement."""
+    window = KeyFrameWindow([*seen_up_to(own_x), *seen_up_to(other_x, sensor=Sensor('other'))])
+    points, own = seen_up_to(2.0, 1)[0].features.oriented_points, window.of_sensor('')
+    found, of_own = (each.correspondences(SE2(), points, DENSITY) for each in (window, own))
+    return points, found, weighted_by_agreement(found, of_own, window.is_in(own), 0.05, 0.01)
+
+
+def test_what_two_lidars_see_differently_does_not_displace_the_scan():
+    """The other lidar sees the plinth of the cabinet, 4 cm behind its front; both see the same walls."""
+    points, found, weighted = among_two_lidars(2.0, 2.04)
+    at_end, of_other = np.abs(points.normals.real).take(found.index) > 0.7, found.frame >= 3
+    assert np.count_nonzero(at_end & of_other) > 100
+    assert (weighted.weights[at_end & of_other] < 1e-3).all()
+    assert (weighted.weights[~of_other] == 1.0).all() and np.median(weighted.weights[~at_end & of_other]) > 0.999
+    displaced, right = (align(each, SE2(), NO_PRIOR, [0.05], 1e-6).x for each in (found, weighted))
+    assert displaced > 0.01 and abs(right) < 1e-4
+
+
+def test_differences_within_the_noise_displace_the_scan():
+    """The lidars correct each other: 3 mm apart they agree."""
+    _, found, weighted = among_two_lidars(2.0, 2.003)
+    displaced, less = (align(each, SE2(), NO_PRIOR, [0.05], 1e-6).x for each in (found, weighted))
+    assert displaced > 1e-3 and less == pytest.approx(displaced, rel=0.1)
+
+
+def test_pairs_have_their_full_weight_where_the_own_lidar_has_none():
+    points, found, weighted = among_two_lidars(None, 2.02)
+    at_end = np.abs(points.normals.real).take(found.index) > 0.7
+    assert np.count_nonzero(at_end) > 100 and (found.frame[at_end] >= 3).all()
+    assert weighted.weights[at_end] == pytest.approx(1.0, abs=1e-3)

@@ -22,6 +22,53 @@ cdef int weigh(const double[:, ::1] rows, const Py_ssize_t[::1] index, Py_ssize_
     return 0
 
 
+def weighted_by_agreement(correspondences, own, const unsigned char[::1] is_own, double scale, double noise):
+    """Weight the pairs with key frames of other lidars by their agreement with the key frames of the own lidar.
+
+    Parameters
+    ----------
+    correspondences : Correspondences
+        Of the scan with the key frames of all lidars.
+    own : Correspondences
+        Of the scan with those of its own lidar, at a pose nearby.
+    is_own : (K,) bool
+        Which key frames are those of the own lidar.
+    scale : float [m]
+        Of the kernel in the mean errors.
+    noise : float [m]
+        Standard deviation of an error.
+    """
+    cdef const double[:, ::1] rows = correspondences.rows, own_rows = own.rows
+    cdef const double[::1] step = own.step(correspondences.pose)
+    cdef const Py_ssize_t[::1] index = correspondences.index, frame = correspondences.frame, own_index = own.index
+    cdef Py_ssize_t k, p
+    cdef double factor = -0.5 / (scale * scale), e, w, apart
+    # Of the pairs of each point with other and with own key frames: sum of the weights, and of the weighted errors.
+    cdef double[:, ::1] sums = np.zeros((4, correspondences.size))
+    weights = np.ones(rows.shape[1]) if correspondences.weights is None else correspondences.weights.copy()
+    cdef double[::1] weight = weights, agreement = np.empty(correspondences.size)
+    with nogil:
+        for k in range(rows.shape[1]):
+            if not is_own[frame[k]]:
+                e, p = rows[3, k], index[k]
+                w = exp(factor * e * e)
+                sums[0, p] += w
+                sums[1, p] += w * e
+        for k in range(own_rows.shape[1]):
+            e = step[0] * own_rows[0, k] + step[1] * own_rows[1, k] + step[2] * own_rows[2, k] + own_rows[3, k]
+            p, w = own_index[k], exp(factor * e * e)
+            sums[2, p] += w
+            sums[3, p] += w * e
+        for p in range(agreement.shape[0]):
+            sums[0, p], sums[2, p] = max(sums[0, p], TINY), max(sums[2, p], TINY)
+            apart = (sums[1, p] / sums[0, p] - sums[3, p] / sums[2, p]) / noise
+            agreement[p] = exp(-0.5 * apart * apart / (1.0 / sums[0, p] + 1.0 / sums[2, p]))
+        for k in range(rows.shape[1]):
+            if not is_own[frame[k]]:
+                weight[k] *= agreement[index[k]]
+    return replace(correspondences, weights=weights)
+
+
 def align(correspondences, start, prior, scales, double damping):
     """Align a scan with all key frames by robust point-to-line iterations, one for each of the `scales` [m].
 

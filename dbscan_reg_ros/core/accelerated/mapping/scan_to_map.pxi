@@ -16,7 +16,8 @@ def align_to_map(window, features, initial, prior, p, coarse=None):
         Information in the frame of the scan [1/m^2, 1/rad^2]; zero where it contradicts `initial`.
     p : Parameters
     coarse : KeyFrameWindow, optional
-        Key frames with which all iterations but the last align the scan; None: those of `window`.
+        Key frames with which all iterations but the last align the scan; None: those of `window`. In the last
+        iteration the others have the weights of `weighted_by_agreement`.
 
     Returns
     -------
@@ -28,7 +29,8 @@ def align_to_map(window, features, initial, prior, p, coarse=None):
     points, direction = features.oriented_points, initial.direction
     scales, damping = p.refinement.window_scales(features.noise), p.refinement.damping
     last = max(len(scales) - 1, 0)
-    information = max(p.refinement.map_scale, features.noise) ** 2 * turned(prior.information, prior.pose.theta)
+    noise = max(p.refinement.map_scale, features.noise)
+    information = noise ** 2 * turned(prior.information, prior.pose.theta)
     pose = prior.pose if initial.rotation_unobservable else initial.pose
     found = find_correspondences(coarse, pose, points, direction, p)
     if direction is not None or initial.rotation_unobservable:
@@ -39,7 +41,9 @@ def align_to_map(window, features, initial, prior, p, coarse=None):
     cell = p.density.cell_size
     if (coarse is not window or len(points) > p.density.max_points
             or displacement(found, pose) > map_steps._MAX_DISPLACEMENT * cell):
-        found = find_correspondences(window, pose, points, direction, p)
+        own, found = found, find_correspondences(window, pose, points, direction, p)
+        if coarse is not window:
+            found = weighted_by_agreement(found, own, window.is_in(coarse), p.refinement.map_first_scale, noise)
     return align(found, pose, prior, scales[last:], damping), found
 
 
@@ -86,8 +90,8 @@ def look_up_correspondences(window, pose, points, density):
     """
     lookup = points_by_frame(high_leverage(points.normals), points.beams, len(window.frames),
                              density.max_points // window_steps._SUBSETS)
-    _, index, turned_points, lines, error = look_up_pairs(window.fields, window.poses, pose, points, lookup,
-                                                          density.min_normal_cosine)
+    frame, index, turned_points, lines, error = look_up_pairs(window.fields, window.poses, pose, points, lookup,
+                                                              density.min_normal_cosine)
     cdef const double complex[::1] rotated_point = turned_points, normal = lines
     cdef const double[::1] off = error
     cdef Py_ssize_t k
@@ -98,7 +102,7 @@ def look_up_correspondences(window, pose, points, density):
             rows[0, k], rows[1, k] = normal[k].real, -normal[k].imag
             rows[2, k], rows[3, k] = -product_imag(normal[k], rotated_point[k]), off[k]
     weights = None if points.weights is None else points.weights.take(index)
-    return Correspondences(pose, len(points), index, turned_points, table, weights)
+    return Correspondences(pose, len(points), frame, index, turned_points, table, weights)
 
 
 cdef double displacement(found, other) except? -1.0:

@@ -2,7 +2,7 @@
 """Point-to-line correspondences of a scan with all key frames, and robust alignment of the scan with them."""
 import cmath
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ...geometry.robust_kernel import kernel
 from ...geometry.se2 import DOF, SE2, wrap
 from ...geometry.symmetric_matrix import solve_one
+from ...geometry.tolerance import TINY
 from ...registration.point_to_line import normal_equations
 
 
@@ -39,6 +40,8 @@ class Correspondences:
         Pose of the scan at which the pairs were looked up, in the odometry frame.
     size : int
         Number of points of the scan.
+    frame : (M,) int
+        Index of the key frame of each pair.
     index : (M,) int
         Index of the point of each pair.
     rotated_points : (M,) complex [m]
@@ -51,6 +54,7 @@ class Correspondences:
 
     pose: SE2
     size: int
+    frame: NDArray[np.intp]
     index: NDArray[np.intp]
     rotated_points: NDArray[np.complex128]
     rows: NDArray[np.float64]
@@ -84,6 +88,46 @@ class Correspondences:
 def _difference(one: SE2, other: SE2) -> tuple[float, float, float]:
     """Return the difference of two poses [m, m, rad] in the odometry frame."""
     return other.x - one.x, other.y - one.y, wrap(other.theta - one.theta)
+
+
+def weighted_by_agreement(correspondences: Correspondences, own: Correspondences, is_own: NDArray[np.bool_],
+                          scale: float, noise: float) -> Correspondences:
+    """Weight the pairs with key frames of other lidars by their agreement with the key frames of the own lidar.
+
+    Lidars at different heights see different surfaces of an object. For each point, the mean error of its pairs with
+    key frames of other lidars is compared with that of its pairs with own key frames. The weight is a Gaussian kernel
+    of the difference of both means. Its scale is the standard deviation of this difference due to noise: where a point
+    has no pair with an own key frame, the weights do not change.
+
+    Parameters
+    ----------
+    correspondences : Correspondences
+        Pairs of a scan with the key frames of all lidars.
+    own : Correspondences
+        Pairs of the same scan with the key frames of the own lidar, at a pose nearby.
+    is_own : (K,) bool
+        Which key frames of `correspondences` are those of the own lidar.
+    scale : float [m]
+        Scale of the kernel that weights the errors in their means.
+    noise : float [m]
+        Standard deviation of an error.
+    """
+    others = ~is_own.take(correspondences.frame)
+    index, errors = correspondences.index[others], correspondences.rows[3, others]
+    count, mean = _mean_errors(index, errors, correspondences.size, scale)
+    own_count, own_mean = _mean_errors(own.index, own.step(correspondences.pose) @ own.rows, own.size, scale)
+    sigma = noise * np.sqrt(1.0 / count + 1.0 / own_count)
+    weights = np.ones(len(others)) if correspondences.weights is None else correspondences.weights.copy()
+    weights[others] *= kernel((mean - own_mean) / sigma, 1.0).take(index)
+    return replace(correspondences, weights=weights)
+
+
+def _mean_errors(index: NDArray[np.intp], error: NDArray[np.float64], size: int,
+                 scale: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return for each of `size` points the sum of the weights of its pairs, and their weighted mean error [m]."""
+    weight = kernel(error, scale)
+    count = np.maximum(np.bincount(index, weight, size), TINY)
+    return count, np.bincount(index, weight * error, size) / count
 
 
 def align(correspondences: Correspondences, start: SE2, prior: PosePrior, scales: Sequence[float],

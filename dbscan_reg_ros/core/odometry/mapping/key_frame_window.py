@@ -80,6 +80,11 @@ class KeyFrameWindow:
             return self
         return self._part(self.frames_of(sensor))
 
+    def is_in(self, part: 'KeyFrameWindow') -> NDArray[np.bool_]:
+        """Return ``(K,)``: whether each of the `frames` is a key frame of another window, too."""
+        frames = frozenset(part.frames)
+        return np.array([frame in frames for frame in self.frames])
+
     def _part(self, frames: tuple[KeyFrame, ...]) -> 'KeyFrameWindow':
         """Return the window of some of the `frames`, which is made once."""
         if frames not in self._parts:
@@ -211,8 +216,8 @@ def look_up_correspondences(window: KeyFrameWindow, pose: SE2, points: OrientedP
     pairs = look_up_pairs(window.fields, window.poses, pose, points, lookup, density.min_normal_cosine)
     weights = None if points.weights is None else points.weights.take(pairs.point)
     rows = linear_residuals(pairs.error, pairs.normals, pairs.rotated_points)
-    return Correspondences(pose=pose, size=len(points), index=pairs.point, rotated_points=pairs.rotated_points,
-                           rows=rows, weights=weights)
+    return Correspondences(pose=pose, size=len(points), frame=pairs.frame, index=pairs.point,
+                           rotated_points=pairs.rotated_points, rows=rows, weights=weights)
 
 
 def look_up_pairs(stack: LikelihoodFieldStack, poses: FramePoses, pose: SE2, points: OrientedPoints,

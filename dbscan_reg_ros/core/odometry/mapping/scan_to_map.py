@@ -22,7 +22,7 @@ from ...registration.uncertainty import (
     own_jacobian,
     parallel_motion,
 )
-from .correspondences import Correspondences, PosePrior, align
+from .correspondences import Correspondences, PosePrior, align, weighted_by_agreement
 from .key_frame_window import KeyFrameWindow
 
 
@@ -59,7 +59,8 @@ def align_to_map(window: KeyFrameWindow, features: Features, initial: InitialAli
         Its information is in the frame of the scan [1/m^2, 1/rad^2], and zero if it contradicts `initial`.
     p : Parameters
     coarse : KeyFrameWindow, optional
-        Key frames with which all iterations but the last align the scan; None: those of `window`.
+        Key frames with which all iterations but the last align the scan; None: those of `window`. In the last
+        iteration the others have the weights of `weighted_by_agreement`.
 
     Returns
     -------
@@ -69,7 +70,8 @@ def align_to_map(window: KeyFrameWindow, features: Features, initial: InitialAli
     """
     coarse = coarse or window
     scales, damping = p.refinement.window_scales(features.noise), p.refinement.damping
-    information = max(p.refinement.map_scale, features.noise) ** 2 * turned(prior.information, prior.pose.theta)
+    noise = max(p.refinement.map_scale, features.noise)
+    information = noise ** 2 * turned(prior.information, prior.pose.theta)
     pose = prior.pose if initial.rotation_unobservable else initial.pose
     correspondences = _correspondences(coarse, pose, features, initial.direction, p)
     if initial.direction is not None or initial.rotation_unobservable:
@@ -80,7 +82,10 @@ def align_to_map(window: KeyFrameWindow, features: Features, initial: InitialAli
     is_dense = len(features.oriented_points) > p.density.max_points
     if (coarse is not window or is_dense
             or correspondences.mean_displacement(pose) > _MAX_DISPLACEMENT * p.density.cell_size):
-        correspondences = _correspondences(window, pose, features, initial.direction, p)
+        own, correspondences = correspondences, _correspondences(window, pose, features, initial.direction, p)
+        if coarse is not window:
+            correspondences = weighted_by_agreement(
+                correspondences, own, window.is_in(coarse), p.refinement.map_first_scale, noise)
     return align(correspondences, pose, prior, scales[-1:], damping), correspondences
 
 
