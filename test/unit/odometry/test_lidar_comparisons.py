@@ -169,6 +169,19 @@ def test_late_stamps_are_named(update, seed):
     assert str(error) == f'its stamps are off by {-1e3 * error.time_offset:.0f} ms' and not any(drive.used[30:])
 
 
+@pytest.mark.parametrize('seed', SEEDS)
+def test_late_stamps_are_named_although_the_latest_scans_agree(update, seed):
+    """Drives with turns begin and end with a straight part, where late stamps do not show."""
+    def path(seconds):
+        turning = min(max(seconds - 10.0, 0.0), 25.0)
+        last = pose_at(turning)
+        return last @ SE2(0.2 * (seconds - turning), 0.0, 0.0)
+
+    drive = Drive(update, TRUE, late=0.035, seed=seed, path=path).run(60.0)
+    assert not drive.lidar.disagrees and np.mean(drive.used[-50:]) > 0.9
+    assert drive.lidar.error == Disagreement(0.0, 0.0, pytest.approx(-0.035, abs=0.005))
+
+
 def test_a_lidar_that_disagrees_is_used_while_the_first_one_is_silent(update):
     drive = Drive(update, TRUE @ SE2(0.1, 0.0, 0.0)).run(8.0)
     before = len(drive.used)

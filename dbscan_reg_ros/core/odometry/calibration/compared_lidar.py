@@ -199,7 +199,10 @@ class ComparedLidar:
         estimate = self.estimate = estimate_relative_pose(self.comparisons, self.guess)
         self._suspected = any(difference(self.used, 0.0, estimate, PROBABLE))
         certain = difference(self.given, 0.0, estimate, _CERTAIN)
-        differs = any(certain) and (self.disagrees or self.used != self.given)
+        if not self.disagrees and self.used == self.given:
+            # Late stamps do not show in the latest scans while the velocity does not change.
+            certain = certain._replace(distance=0.0, rotation=0.0)
+        differs = any(certain)
         self.wrong = self.wheels.wrong(self.given, estimate) if differs else Wrong.UNKNOWN
         # What the lidars see differently, at different heights, would not move the first one against the wheels.
         self.error = certain if differs and (self._lasting or self.wrong is Wrong.FIRST) else None
