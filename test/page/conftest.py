@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A drive of 100 scans and its page, in a browser."""
+import contextlib
 import pathlib
 from typing import NamedTuple
 
@@ -68,13 +69,20 @@ def page(replayed, simulation, tmp_path):
     return page
 
 
-@pytest.fixture
-def browser(tmp_path):
+@pytest.fixture(scope='session')
+def started_browser(tmp_path_factory):
+    """A browser that is started once: a start takes longer than most tests of a page."""
     if find_browser() is None:
         pytest.skip('needs a chromium on the PATH')
-    browser = Browser(tmp_path / 'profile')
-    yield browser
-    browser.close()
+    with contextlib.closing(Browser(tmp_path_factory.mktemp('profile'))) as browser:
+        yield browser
+
+
+@pytest.fixture
+def browser(started_browser):
+    """A page of its own in the browser."""
+    yield started_browser
+    started_browser.renew()
 
 
 @pytest.fixture

@@ -56,10 +56,21 @@ class Browser:
         os.close(to_browser)
         os.close(from_browser)
         self._session = None
-        target = next(t for t in self.call('Target.getTargets')['targetInfos'] if t['type'] == 'page')['targetId']
+        self._attach(next(t for t in self.call('Target.getTargets')['targetInfos'] if t['type'] == 'page')['targetId'])
+
+    def _attach(self, target):
+        self._target = target
         self._session = self.call('Target.attachToTarget', targetId=target, flatten=True)['sessionId']
         for domain in ('Page', 'Runtime', 'Log', 'Network'):
             self.call(f'{domain}.enable')
+
+    def renew(self):
+        """Close the page and open an empty one, without a screen or complaints of its own."""
+        closed, self._session = self._target, None
+        opened = self.call('Target.createTarget', url='about:blank')['targetId']
+        self.call('Target.closeTarget', targetId=closed)
+        self._attach(opened)
+        self.complaints, self.requests = [], []
 
     def call(self, method, **parameters):
         """The answer of the browser to a command of its debugging protocol."""
@@ -76,7 +87,8 @@ class Browser:
     def open(self, address):
         """Load a page to the end."""
         self.call('Page.navigate', url=address)
-        while (event := self._receive()).get('method') != 'Page.loadEventFired':
+        loaded = 'Page.loadEventFired', self._session
+        while ((event := self._receive()).get('method'), event.get('sessionId')) != loaded:
             self._note(event)
 
     def value(self, expression):
@@ -158,6 +170,8 @@ class Browser:
         return json.loads(message)
 
     def _note(self, event):
+        if event.get('sessionId') != self._session:
+            return
         method, parameters = event.get('method'), event.get('params', {})
         if method == 'Runtime.exceptionThrown':
             self.complaints.append(str(parameters['exceptionDetails']))
