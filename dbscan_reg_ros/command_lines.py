@@ -10,6 +10,8 @@ from pathlib import Path
 PACKAGE = 'dbscan_reg_ros'
 PROGRAM = 'dbscan-reg-ros'
 """Name of the script that pip installs."""
+SCRIPT = 'DBSCAN_REG_SCRIPT'
+"""Environment variable with the words by which a user has started a script that runs the command of its name."""
 COMMANDS = {
     'scan_matcher': ('node.scan_matcher', 'laser odometry as a ROS 2 node'),
     'scan_matcher_lifecycle': ('node.scan_matcher_lifecycle', 'laser odometry as a ROS 2 lifecycle node'),
@@ -40,6 +42,9 @@ def command_line(command, *words) -> str:
 
 def started_as(*command) -> str:
     """Return the words by which a user has started a `command`, for its usage line: without folders and variables."""
+    script = os.environ.get(SCRIPT, '')
+    if command == (Path(script).name,):
+        return script
     started = Path(sys.argv[0])
     if started.parent.name == PACKAGE and started.name in COMMANDS:
         return ' '.join(('ros2', 'run', PACKAGE, *command))

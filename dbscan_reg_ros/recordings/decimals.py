@@ -2,7 +2,9 @@
 """Conversion of text to numbers, and of stamps to whole nanoseconds without rounding to binary fractions."""
 from decimal import Decimal
 
-END_OF_TIME = 2**31 * 1_000_000_000
+from ..core.scan import SECOND
+
+END_OF_TIME = 2**31 * SECOND
 """The first stamp that a ROS message cannot hold [ns]."""
 
 
@@ -21,12 +23,12 @@ def nanoseconds(text, first=0, end=END_OF_TIME) -> int:
         When `text` is not a number, or the stamp is not valid.
     """
     try:
-        stamp = (Decimal(text) * 1_000_000_000).to_integral_value()
+        stamp = (Decimal(text) * SECOND).to_integral_value()
         possible = first <= stamp < end
     except (ArithmeticError, ValueError):
         raise ValueError(f'stamp {text!r} is no number of seconds') from None
     if not possible:
-        raise ValueError(f'stamp {text} s is outside {first // 10**9} to {end // 10**9} s: expected seconds')
+        raise ValueError(f'stamp {text} s is outside {first // SECOND} to {end // SECOND} s: expected seconds')
     return int(stamp)
 
 
@@ -40,5 +42,5 @@ def to_float(text) -> float:
 
 def seconds(stamp) -> str:
     """Format a stamp [ns] as decimal seconds with all nine decimals."""
-    whole, rest = divmod(int(stamp), 1_000_000_000)
+    whole, rest = divmod(int(stamp), SECOND)
     return f'{whole}.{rest:09d}'

@@ -14,8 +14,8 @@ import numpy as np
 from ..core.errors import ScanError
 from ..core.geometry.se2 import SE2
 from ..core.odometry.records import OdometryUpdate
+from ..core.scan import SECOND
 
-SECOND = 1_000_000_000
 PLANE = np.ix_([0, 1, 5], [0, 1, 5])
 """Index of the rows and columns of x, y and yaw in a 6x6 covariance."""
 UNKNOWN_VARIANCE = 1e6

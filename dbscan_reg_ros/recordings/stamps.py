@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.scan import SECOND
 from .decimals import END_OF_TIME
 
-SECOND = 1_000_000_000
 APART = SECOND // 10_000
 """Stamps that differ by less than this [ns] are regarded as equal: no lidar is that fast."""
 STEADY = SECOND

@@ -4,10 +4,11 @@ import bisect
 import math
 
 from ..core.geometry.se2 import SE2, wrap
+from ..core.scan import SECOND
 
-SPAN = 10_000_000_000
+SPAN = 10 * SECOND
 """Duration [ns] for which poses are kept."""
-LATE = 1_000_000_000
+LATE = SECOND
 """A pose that is older than the newest one by at most this [ns] is late, and is ignored; if it is older, time has gone
 back."""
 

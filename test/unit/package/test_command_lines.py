@@ -86,3 +86,8 @@ def test_the_usage_begins_as_the_user_has_typed_it(monkeypatch, capsys, started,
         make_parser('register', 'Tests.').parse_args(['--none'])
     complaint = capsys.readouterr().err.splitlines()
     assert complaint[0].startswith(f'usage: {expected} [-h]') and complaint[-1].startswith('register: error: ')
+
+
+def test_the_usage_of_a_script_names_the_script(root):
+    demo = subprocess.run(['scripts/demo', '--help'], cwd=root, capture_output=True, text=True, check=True, timeout=60)
+    assert demo.stdout.startswith('usage: scripts/demo [-h]')
