@@ -36,15 +36,16 @@ def calibrate(args):
     from ..robot.parameters import NodeParameters
     from .workers import watched
 
-    if len(args.topic) == 1:
-        raise CommandError(f'--topic {args.topic[0]}: expected two topics or more: one lidar has nothing to be '
-                           'compared with')
     parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
     mountings = given_mountings(parameters, args.topic) | parse_mountings(args.mounting)
-    recording = Lidars(tuple(args.topic), mountings).open(find_recording(args.file, args.data), parameters)
-    base_frame = parameters.base_frame
+    path = find_recording(args.file, args.data)
+    lidars = Lidars(tuple(args.topic), mountings).of_recording(path, parameters)
+    if len(lidars.topics) == 1:
+        raise CommandError(f'--topic {args.topic[0]}: expected two topics or more: one lidar has nothing to be '
+                           'compared with')
+    recording, base_frame = lidars.open(path, parameters), parameters.base_frame
     first = mounting_in(recording, mountings, base_frame)
-    others = further_lidars(recording, args.topic[1:], mountings, parameters)
+    others = further_lidars(recording, lidars.topics[1:], mountings, parameters)
     results = calibrate_lidars(recording, first, others, parameters,
                                lambda scans: watched(scans, recording.name, recording.count))
     for each in (recording, *(other.recording for other in others)):

@@ -79,24 +79,12 @@ def make_parser(command, description, verbose='show the traceback of an error') 
     return parser
 
 
-class OneTopic(argparse.Action):
-    """Action of ``--topic`` in a command for one lidar: if given twice, the command ends with a one-line message."""
-
-    def __call__(self, parser, namespace, values, option_string=None):
-        """Store the topic; end the command if a topic is stored already."""
-        if getattr(namespace, self.dest) is not None:
-            parser.exit(BAD_INPUT, f'{parser.prog}: {option_string} is given twice, but {parser.prog} takes one lidar; '
-                        'replay, compare, tune, play and demo take several\n')
-        setattr(namespace, self.dest, values)
+def add_topic(parser, settings):
+    """Add the argument ``--topic`` with the argparse `settings`."""
+    parser.add_argument('--topic', **settings)
 
 
-def add_topic(parser, settings=None):
-    """Add the argument ``--topic`` with the argparse `settings`; without `settings`, it accepts one topic."""
-    one = {'action': OneTopic, 'help': 'topic of the scans; required if the recording has several topics of scans'}
-    parser.add_argument('--topic', **(settings or one))
-
-
-def add_recording(parser, topic=None):
+def add_recording(parser, topic):
     """Add the arguments that name a recording; `topic`: see `add_topic`."""
     parser.add_argument('file', metavar='FILE', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag; '
                         'also searched for below the data folder')
@@ -104,7 +92,7 @@ def add_recording(parser, topic=None):
     add_data(parser)
 
 
-def add_recordings(parser, topic=None):
+def add_recordings(parser, topic):
     """Add the arguments that name recordings; `topic`: see `add_topic`."""
     parser.add_argument('files', metavar='FILE', nargs='+', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag; '
                         'also searched for below the data folder')
@@ -184,8 +172,8 @@ def note_warnings(command, recording, most=None):
 
 
 def open_all(command, paths, lidars, parameters, most=None) -> list:
-    """Open the recordings at `paths` as `Lidars.open` does; print warnings about their (first `most`) scans."""
-    recordings = [lidars.open(path, parameters) for path in paths]
+    """Open the recordings at `paths`, each with the first of its `lidars`; print warnings about (`most`) scans."""
+    recordings = [lidars.of_recording(path, parameters).open(path, parameters) for path in paths]
     for recording in recordings:
         note_warnings(command, recording, most)
     return recordings

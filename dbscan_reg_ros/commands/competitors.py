@@ -140,6 +140,7 @@ def follow_one(path, lidars, competitor, parameters):
     """
     from .workers import watched
 
+    lidars = lidars.of_recording(path, parameters)
     recording = lidars.open(path, parameters)
     title = f'{recording.name}, {Path(competitor.name).name}'
     if not sys.stderr.isatty():

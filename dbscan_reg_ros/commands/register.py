@@ -3,14 +3,15 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
 from ..core.parameters.schema import ADVANCED
 from .command_line import (
+    SEVERAL,
     CommandError,
     add_data,
+    add_mounting,
     add_parameters,
     add_topic,
     make_parser,
@@ -38,12 +39,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('numbers', metavar='N', nargs='*', type=int, help='for a recording: the numbers of the '
                         'reference scan and of the current scan, from 0; for a snapshot: the number of the scan '
                         '(default: the last)')
-    add_topic(parser)
+    add_topic(parser, SEVERAL | {'help': 'topic of the scans; required if there are several topics of scans. If given '
+                                 'more than once, the scans of all these lidars are counted together in the order of '
+                                 'their stamps, as in replay, and the motion is that of the lidar of the first topic'})
+    add_mounting(parser)
     add_data(parser)
     add_parameters(parser, otherwise='; for a snapshot, the parameters stored in it; with other parameters, its scans '
                    'are registered again, without a prior')
-    parser.add_argument('--truth', metavar='FILE', help='the true poses of the sensor, from which the error is '
-                        'computed: TUM, or the columns index,x,y,theta (default: the true poses in the recording or '
+    parser.add_argument('--truth', metavar='FILE', help='the true poses of the (first) sensor, from which the error '
+                        'is computed: TUM, or the columns index,x,y,theta (default: the true poses in the recording or '
                         'in a file beside it, if any)')
     parser.add_argument('--figure4', action='store_true', help='the example of the paper, Figure 4: register scan N '
                         'of a recording (default: 0) to its own points moved by x -1.5 m, y 0.8 m, theta 0.3 rad')
@@ -56,7 +60,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 class Pair(NamedTuple):
     """Two scans to register.
 
-    `registration` is a stored result and `truth` the true motion, each None if unknown; `timing` is None if unknown.
+    `registration` is a stored result and `truth` the true transform, each None if unknown; `timing` is None if unknown.
+    `lidars` are the `LidarsOfPair`, and `limits` the `ScanParameters` of both scans, each None for a single lidar.
     """
 
     name: str
@@ -66,22 +71,24 @@ class Pair(NamedTuple):
     registration: object = None
     truth: object = None
     timing: object = None
+    lidars: object = None
+    limits: object = None
 
 
 def register(args):
     """Register the pair, print the result and draw each step."""
     from ..figures.sheet import draw_figures
-    from ..figures.steps import Steps
     from ..figures.texts import Timing, describe, fixed, status_text
     from ..recordings import find_recording
+    from ..replays.lidars import scan_topics
     from ..replays.result_folder import new_folder, point_latest
     from ..robot.parameter_files import read_parameters
-    from ..robot.parameters import CLOUDS, METHOD
+    from ..robot.parameters import NodeParameters
 
     path, parameters = find_recording(args.file, args.data), args.params_file and read_parameters(args.params_file)
+    args.topic = scan_topics(args.topic, parameters or NodeParameters())
     if parameters:
-        note_unused('register', args.params_file, parameters,
-                    [name for name in METHOD | CLOUDS if not name.removeprefix(ADVANCED).startswith(OF_A_DRIVE)])
+        note_unused('register', args.params_file, parameters, _used(len(args.topic) > 1))
     if args.truth and (args.figure4 or path.suffix == '.npz'):
         raise CommandError(f'--truth {args.truth}: expected two scans of a recording')
     if args.figure4:
@@ -90,16 +97,41 @@ def register(args):
         pair = _of_snapshot(path, args.numbers, parameters)
     else:
         pair = _of_recording(path, args, parameters)
-    steps = Steps.of(pair.reference, pair.current, pair.parameters, pair.registration, pair.truth)
-    print('\n'.join(describe(steps, pair.timing or Timing(), args.verbose)), flush=True)
+    steps = _steps(pair)
+    print('\n'.join(describe(steps, pair.timing or Timing(), args.verbose, pair.lidars)), flush=True)
     if args.no_figures:
         return
     folder = new_folder(Path(args.out) / pair.name)
     transform = steps.registration.transform
-    draw_figures(folder, steps, f'{pair.name}: x {fixed(transform.x, 3)} m, y {fixed(transform.y, 3)} m, theta '
+    draw_figures(folder, steps, f'{_title(pair)}: x {fixed(transform.x, 3)} m, y {fixed(transform.y, 3)} m, theta '
                                 f'{fixed(math.degrees(transform.theta), 2)} deg, {status_text(steps.registration)}')
     point_latest(folder)
     print(f'figures     {folder}')
+
+
+def _steps(pair):
+    """Return the `Steps` that register a `Pair`."""
+    from ..figures.steps import ScanSteps, Steps
+
+    each = [pair.parameters] * PAIR
+    if pair.limits:
+        each = [replace(pair.parameters, scan=limits) for limits in pair.limits]
+    return Steps.between(*map(ScanSteps.of, (pair.reference, pair.current), each), pair.parameters, pair.registration,
+                         pair.truth)
+
+
+def _title(pair):
+    """Return the title of the pictures of a `Pair`, with the topics of several lidars."""
+    lidars = pair.lidars
+    return f'{pair.name}: {lidars.current.topic} in the frame of {lidars.reference.topic}' if lidars else pair.name
+
+
+def _used(several):
+    """Return the names of the parameters that have an effect on a pair of one lidar, or of `several`."""
+    from ..robot.parameters import CLOUDS, METHOD, REPLAYED
+
+    names = REPLAYED - {'odom_frame', 'calibrate_mountings'} | {'scan_topics'} if several else METHOD | CLOUDS
+    return [name for name in names if not name.removeprefix(ADVANCED).startswith(OF_A_DRIVE)]
 
 
 def _moved(path, args, parameters):
@@ -110,9 +142,12 @@ def _moved(path, args, parameters):
     numbers = args.numbers
     if len(numbers) > 1 or min(numbers, default=0) < 0:
         raise CommandError(f'{path}: expected the number of one scan, from 0; got {numbers}')
+    if len(args.topic) > 1:
+        raise CommandError(f'--figure4: expected the topic of one lidar; got {", ".join(args.topic)}')
     number = numbers[0] if numbers else 0
-    recording, scans = _scans(path, args.topic, [number], parameters)
-    return Pair(f'{recording.name}_{number}_moved', moved(scans[number]), scans[number], parameters or Parameters(),
+    (lidar,), found = _scans(path, args, [number], parameters)
+    scan = found.scans[number].scan
+    return Pair(f'{lidar.recording.name}_{number}_moved', moved(scan), scan, parameters or Parameters(),
                 truth=PAPER_MOTION)
 
 
@@ -123,15 +158,43 @@ def _of_recording(path, args, parameters):
     numbers = args.numbers
     if len(numbers) != PAIR or min(numbers) < 0:
         raise CommandError(f'{path}: expected the numbers of two scans, REF and CUR, from 0; got {numbers}')
-    reference, current = numbers
-    recording, scans = _scans(path, args.topic, numbers, parameters)
-    motion = _true_motion(recording, scans[reference].stamp, scans[current].stamp, args.truth)
+    lidars, found = _scans(path, args, numbers, parameters)
+    chosen = [found.scans[number] for number in numbers]
+    reference, current = (each.scan for each in chosen)
+    recording, several = lidars[0].recording, _lidars_of_pair(lidars, numbers, chosen)
+    truth = _true_motion(recording, reference.stamp, current.stamp, args.truth)
     parameters = parameters or Parameters()
-    duration = max(scans[number].duration for number in numbers)
-    timing = Timing(1e-9 * (scans[current].stamp - scans[reference].stamp), duration,
-                    _motion_during_scan(scans, numbers, duration, parameters) if duration else None)
-    return Pair(f'{recording.name}_{reference}_{current}', scans[reference], scans[current], parameters, truth=motion,
-                timing=timing)
+    duration = max(reference.duration, current.duration)
+    timing = Timing(1e-9 * (current.stamp - reference.stamp), duration,
+                    _motion_of_lidars(lidars, found, duration, parameters) if duration else None)
+    name = '_'.join((recording.name, *map(str, numbers)))
+    if not several:
+        return Pair(name, reference, current, parameters, truth=truth, timing=timing)
+    return Pair(name, reference, current, parameters, truth=truth and several.transform_of(truth), timing=timing,
+                lidars=several, limits=[lidars[each.lidar].limits for each in chosen])
+
+
+def _lidars_of_pair(lidars, numbers, chosen):
+    """Return the `LidarsOfPair` of the `chosen` scans with these `numbers`; None for a single lidar."""
+    from ..figures.texts import LidarOfScan, LidarsOfPair
+
+    if len(lidars) == 1:
+        return None
+    first = lidars[0].mounting.pose.inverse()
+    return LidarsOfPair(lidars[0].recording.topic, *(
+        LidarOfScan(number, lidars[each.lidar].recording.topic, first @ lidars[each.lidar].mounting.pose)
+        for number, each in zip(numbers, chosen, strict=True)))
+
+
+def _motion_of_lidars(lidars, found, duration, parameters):
+    """Return the largest motion [m], [rad] of a lidar during its scan, as `_motion_during_scan`."""
+    motions = []
+    for number, lidar in enumerate(lidars):
+        own = [each.own for each in found.scans.values() if each.lidar == number]
+        limited = replace(parameters, scan=lidar.limits) if lidar.limits else parameters
+        if own:
+            motions.append(_motion_during_scan(found.around[number], own, duration, limited))
+    return tuple(map(max, *motions)) if len(motions) > 1 and all(motions) else motions[0]
 
 
 def _motion_during_scan(scans, numbers, duration, parameters):
@@ -176,21 +239,23 @@ def _true_motion(recording, first, second, truth):
     return motion
 
 
-def _scans(path, topic, numbers, parameters):
-    """Return a recording, and a dictionary number -> scan: those with the given numbers, and their neighbours."""
-    from ..recordings import open_recording
-    from ..recordings.bags.clouds import CloudParameters
+def _scans(path, args, numbers, parameters):
+    """Return the lidars of a recording, each a `MeasuringLidar`, and the scans `Found` by their numbers."""
+    from ..replays.lidars import Lidars, parse_mountings
+    from ..replays.several_lidars.measured_scans import measuring_lidars
+    from ..replays.several_lidars.scan_order import find_scans
 
-    recording = open_recording(path, topic, CloudParameters.of(parameters, topic))
-    last, scans, count = max(numbers), {}, 0
-    wanted = {number + step for number in numbers for step in (-1, 0, 1)}
-    for count, scan in enumerate(islice(recording.scans(), last + 2), 1):
-        if count - 1 in wanted:
-            scans[count - 1] = scan
-    if last >= count:
-        raise CommandError(f'{path}: no scan {last}; the recording contains {count} scans, numbered from 0')
-    note_warnings('register', recording, last + 1)
-    return recording, scans
+    if args.mounting and len(args.topic) <= 1:
+        raise CommandError(f'--mounting {" ".join(args.mounting[0])}: expected --topic of several lidars; the motion '
+                           'of a single lidar is that of its own frame')
+    lidars = measuring_lidars(path, Lidars(args.topic, parse_mountings(args.mounting)), parameters)
+    found = find_scans([each.scans(parameters) for each in lidars], numbers)
+    if missing := [number for number in numbers if number >= found.read]:
+        raise CommandError(f'{path}: no scan {max(missing)}; the recording contains {found.read} scans, numbered '
+                           'from 0')
+    for each in lidars:
+        note_warnings('register', each.recording, max(numbers) + 1 if len(lidars) == 1 else each.recording.watch.seen)
+    return lidars, found
 
 
 def _of_snapshot(path, numbers, parameters):

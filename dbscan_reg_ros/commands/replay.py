@@ -197,15 +197,16 @@ def replay_one(job) -> Replayed:
     from ..replays.trajectory import Trajectory, too_few
     from ..robot.parameter_files import write_parameters
 
-    recording = job.lidars.open(job.path, job.parameters)
-    mounting, others = lidars_of(recording, job.lidars, job.parameters, job.base)
+    lidars = job.lidars.of_recording(job.path, job.parameters)
+    recording = lidars.open(job.path, job.parameters)
+    mounting, others = lidars_of(recording, lidars, job.parameters, job.base)
     folder = new_folder(job.out / recording.name)
     faults = Faults(lambda error: explain(error)[1], job.verbose)
-    yaw = mounting.pose.theta
-    trajectory, broken = Trajectory(yaw, mounting.upside_down), None
+    yaw, broken = mounting.pose.theta, None
     wheels = recorded_wheels(job.parameters, recording)
     bodies = OwnBodies([(recording.topic, mounting), *((each.recording.topic, each.mounting) for each in others)])
     odometry = replay_odometry(job.parameters, others, recording.topic, mounting, wheels, bodies)
+    trajectory = Trajectory(yaw, mounting.upside_down, numbers=odometry.numbers if others else [])
     results = Results(folder, recording, job.parameters, trajectory, PairsToReview(),
                       Loops() if job.close_loops else None, faults, ScanHistory(yaw), MapPoints(recording.count, yaw),
                       job.animation, '../../index.html' if job.indexed else '', odometry if others else None,
@@ -220,7 +221,7 @@ def replay_one(job) -> Replayed:
         results.write_poses('trajectory.tum', trajectory.stamps, trajectory.poses)
     if len(trajectory.poses) <= 1:
         raise broken or too_few(recording, trajectory)
-    summary = results.write(register_command(folder, recording))
+    summary = results.write(register_command(folder, recording, lidars))
     faults.attempt('latest', point_latest, folder)
     prefix, names = f'{recording.topic}: ' if others else '', reference_settings(job.parameters)
     lines = [f'results     {folder}', *(line for each in (recording, *(other.recording for other in others))
@@ -241,7 +242,8 @@ def _replayed(results, lines, broken) -> Replayed:
         faults.insert(0, f'bag not written: {missing_line(BAG_LIBRARIES[:1])}')
     if broken:
         code, reason = explain(broken)
-        faults.insert(0, f'the results end before scan {len(results.trajectory.used)}: {reason}')
+        number = results.trajectory.number(len(results.trajectory.used))
+        faults.insert(0, f'the results end before scan {number}: {reason}')
     return Replayed(lines, [f'{results.recording.path}: {fault}' for fault in faults], code, results.entry)
 
 

@@ -94,8 +94,9 @@ def tune(args):
     axes = [read_axis(text, start) for text in args.parameters]
     searched, held_out = _recordings(args, lidars, start)
     known = [known_motion(recording) for recording in held_out]
-    task = Task([recording.path for recording in searched], lidars, args.objective, args.scans)
-    settings = _settings(args, task, start, axes)
+    paths = [recording.path for recording in searched]
+    task = Task(paths, [lidars.of_recording(path, start) for path in paths], args.objective, args.scans)
+    settings = _settings(args, task, start, axes) | _given(lidars)
     search = settings['search']
     folder = Path(args.out or Path('results', 'tune', searched[0].name))
     study = Study(folder, settings, axes)
@@ -148,7 +149,7 @@ def _recordings(args, lidars, start):
         raise CommandError(f'{next(iter(both))}: is used in the search, so it cannot be held out')
     recordings = open_all('tune', (*paths, *held_out), lidars, start, args.scans)
     for recording in recordings:
-        lidars_of(recording, lidars, start)
+        lidars_of(recording, lidars.of_recording(recording.path, start), start)
     return recordings[:len(paths)], recordings[len(paths):]
 
 
@@ -158,11 +159,16 @@ def _settings(args, task, start, axes):
 
     search = args.search if args.search != 'auto' else 'optuna' if has_optuna() else 'random'
     values = start.flatten()
-    mountings = {topic: repr(mounting) for topic, mounting in task.lidars.mountings.items()}
-    return {'files': [str(path) for path in task.paths], 'topics': task.lidars.topics, 'mountings': mountings,
+    return {'files': [str(path) for path in task.paths],
             'scans': task.limit, 'seed': args.seed, 'objective': task.objective, 'search': search,
             'axes': [repr(axis) for axis in axes], 'start': {axis.name: values[axis.name] for axis in axes},
             'parameters': values}
+
+
+def _given(lidars):
+    """Return the settings that are the lidars given by the user."""
+    mountings = {topic: repr(mounting) for topic, mounting in lidars.mountings.items()}
+    return {'topics': lidars.topics, 'mountings': mountings}
 
 
 def _changes(before, after):
@@ -173,16 +179,17 @@ def _changes(before, after):
 
 @dataclass(frozen=True)
 class Task:
-    """Arguments of `cost_of`: files of the recordings, their `Lidars`, objective, number of scans."""
+    """Arguments of `cost_of`: files of the recordings, the `Lidars` of each, objective, number of scans."""
 
     paths: list
-    lidars: object
+    lidars: list
     objective: str
     limit: int | None
 
     def jobs(self, parameters):
         """Return the arguments of `cost_of` for each recording."""
-        return [(path, self.lidars, parameters, self.objective, self.limit) for path in self.paths]
+        return [(path, lidars, parameters, self.objective, self.limit)
+                for path, lidars in zip(self.paths, self.lidars, strict=True)]
 
 
 def evaluated(executor, trials, start, task):

@@ -89,8 +89,14 @@ class Steps:
         ScanError
             When one of the scans has too few returns.
         """
+        return cls.between(ScanSteps.of(reference, parameters), ScanSteps.of(current, parameters), parameters,
+                           registration, truth)
+
+    @classmethod
+    def between(cls, earlier: ScanSteps, later: ScanSteps, parameters: Parameters,
+                registration: Registration | None = None, truth: SE2 | None = None) -> 'Steps':
+        """Return the steps, as `of`, from those that process each scan."""
         p = parameters
-        earlier, later = ScanSteps.of(reference, p), ScanSteps.of(current, p)
         lines = earlier.features.segments, later.features.segments
         weights = pair_weights(*lines, p.rotation)
         rotations = estimate_rotations(*lines, weights, p.rotation)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.geometry.rounding import fixed
+from ..core.geometry.se2 import SE2
 from ..core.registration.records import Status
 
 UNKNOWN_HEADING = 0.5 * math.pi
@@ -31,6 +32,56 @@ class Timing(NamedTuple):
     moved: tuple[float, float] | None = None
 
 
+class LidarOfScan(NamedTuple):
+    """The lidar of a scan.
+
+    Attributes
+    ----------
+    number : int
+        Number of the scan among the scans of all lidars.
+    topic : str
+    pose : SE2
+        Pose of the lidar in the frame of the first lidar.
+    """
+
+    number: int
+    topic: str
+    pose: SE2
+
+
+class LidarsOfPair(NamedTuple):
+    """The lidars of two scans, of a recording of several lidars.
+
+    Attributes
+    ----------
+    first : str
+        Topic of the first lidar.
+    reference, current : LidarOfScan
+    """
+
+    first: str
+    reference: LidarOfScan
+    current: LidarOfScan
+
+    def motion_of(self, transform: SE2) -> SE2:
+        """Return the motion of the first lidar from the `transform` between the lidars of both scans."""
+        return self.reference.pose @ transform @ self.current.pose.inverse()
+
+    def transform_of(self, motion: SE2) -> SE2:
+        """Return the transform between the lidars of both scans from the `motion` of the first lidar."""
+        return self.reference.pose.inverse() @ motion @ self.current.pose
+
+    def lines(self, transform: SE2, true: SE2 | None) -> list:
+        """Describe the lidars, and the motion of the first one for an estimated and a `true` transform (or None)."""
+        scans = [f'{name:11} scan {each.number}, of the lidar on {each.topic}'
+                 for name, each in (('reference', self.reference), ('current', self.current))]
+        return [*scans, *_describe_motion('motion', self.motion_of(transform), true and self.motion_of(true)),
+                f'            of the lidar on {self.first} between the stamps of both scans, in its frame at the first',
+                f'transform   {_motion(transform)}',
+                f'            of the lidar on {self.current.topic} at the current scan, in the frame of that on '
+                f'{self.reference.topic} at the reference']
+
+
 def status_text(registration) -> str:
     """Return the status as a text; a result of the method of the paper was not checked."""
     if registration.status is Status.OK and registration.evidence is None:
@@ -44,21 +95,19 @@ def heading_text(variance, factor=1.0) -> str:
     return 'heading unknown' if sigma > UNKNOWN_HEADING else f'heading \u00b1{factor * math.degrees(sigma):.2g} deg'
 
 
-def describe(steps, timing, covariance=False) -> list:
+def describe(steps, timing, covariance=False, lidars=None) -> list:
     """Describe the registration of `Steps` in lines of text, with its `covariance` if asked for.
 
-    Where the true motion is known the error is given as well.
+    Where the true motion is known the error is given as well. `lidars` are the `LidarsOfPair` of several lidars.
     """
     found, truth = steps.registration, steps.truth
     reason = f': {found.reason}' if found.reason else ''
-    lines = [f'status      {status_text(found)}{reason}', f'transform   {_motion(found.transform)}']
-    if truth is not None:
-        error = truth.inverse() @ found.transform
-        lines += [f'true        {_motion(truth)}',
-                  f'error       {math.hypot(error.x, error.y):.4f} m  {math.degrees(abs(error.theta)):.3f} deg']
-        if found.status is not Status.OK:
-            score, overlap = steps.score_at(truth)
-            lines.append(f'            at the true motion: score {fixed(score, 3)}, overlap {overlap:.3f}')
+    lines = [f'status      {status_text(found)}{reason}',
+             *(lidars.lines(found.transform, truth) if lidars else
+               _describe_motion('transform', found.transform, truth))]
+    if truth is not None and found.status is not Status.OK:
+        score, overlap = steps.score_at(truth)
+        lines.append(f'            at the true motion: score {fixed(score, 3)}, overlap {overlap:.3f}')
     lines += [f'sigma       {_sigma(found.covariance)}, in the frame of the current scan']
     if covariance:
         lines += ['covariance  of x, y [m] and theta [rad], in the frame of the current scan',
@@ -75,6 +124,16 @@ def describe(steps, timing, covariance=False) -> list:
     lines.append(f'hypotheses  {len(found.hypotheses)}, best first')
     lines += [f'            score {fixed(h.score, 3)}  {_log_odds(h)}{_motion(h.transform)}'
               f'{"  rival" if h in found.rivals else ""}' for h in found.hypotheses]
+    return lines
+
+
+def _describe_motion(name, motion, truth) -> list:
+    """Describe a motion, and its error where the `truth` is not None."""
+    lines = [f'{name:11} {_motion(motion)}']
+    if truth is not None:
+        error = truth.inverse() @ motion
+        lines += [f'true        {_motion(truth)}',
+                  f'error       {math.hypot(error.x, error.y):.4f} m  {math.degrees(abs(error.theta)):.3f} deg']
     return lines
 
 

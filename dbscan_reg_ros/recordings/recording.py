@@ -114,6 +114,10 @@ class Recording:
         """
         raise NotImplementedError
 
+    def lidar_topics(self, _base_frame) -> list:
+        """Return `topic`, or TOPIC:FRAME for each frame of the scans, if the mountings of several are recorded."""
+        return [self.topic]
+
     def channels(self) -> list:
         """Return the `Channel` of every topic except the topic of the scans."""
         return [Channel('wheel_odom', ODOMETRY, input='wheel_odom')] if self.wheel_odometry() else []
@@ -154,7 +158,8 @@ class Recording:
         if len(filled) > 1 and not any(counts.values()):
             raise RecordingError(f'{self.path}: none of its topics of scans holds a message: {held}')
         if len(filled) > 1:
-            raise RecordingError(f'{self.path}: choose one of its {len(filled)} topics of scans: {", ".join(filled)}')
+            raise RecordingError(f'{self.path}: choose one of its {len(filled)} topics of scans: {", ".join(filled)} '
+                                 '(--topic; most commands take it more than once, for several lidars)')
         self.topic = filled[0]
         if topic is None and len(counts) > 1:
             self._note(f'scans are taken from {self.topic}; of the topics of scans ({held}) no other holds a message')

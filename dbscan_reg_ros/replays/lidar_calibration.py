@@ -12,8 +12,8 @@ from ..core.geometry.se2 import SE2
 from ..core.odometry.calibration.compared_lidar import PROBABLE, ComparedLidar, Disagreement, difference
 from ..core.odometry.calibration.comparisons import LidarComparisons
 from ..core.odometry.pipeline import Odometry
-from .lidars import OdometryWithOthers
 from .sensor_mounting import prepared
+from .several_lidars.odometry_with_others import OdometryWithOthers
 
 NOT_OBSERVABLE = 'not observable'
 NAMES = 'x', 'y', 'yaw', 'time offset'

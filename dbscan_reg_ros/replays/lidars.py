@@ -1,23 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Several lidars of one recording: the odometry estimates the poses of the first and uses the scans of all."""
-import dataclasses
+"""Several lidars of one recording: their topics, mountings and scans."""
 import math
-from collections import Counter
-from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import chain
 
-from ..core.errors import RecordingError, ScanError
+from ..core.errors import RecordingError
 from ..core.geometry.mounting import Mounting, MountingError
 from ..core.geometry.se2 import SE2
-from ..core.odometry.calibration.majority import UNFIT, described, disagreeing
 from ..core.odometry.sensor import Sensor
 from ..core.parameters.features import ScanParameters
-from ..core.registration.records import Status
 from ..recordings import open_recording
 from ..recordings.bags.clouds import CloudParameters
 from ..recordings.recording import Recording
 from ..robot.mounting import mounting_from_parameters
 from ..robot.parameter_groups import InputParameters
+from ..robot.parameters import NodeParameters
 from ..robot.sensors import NAMELESS
 from .sensor_mounting import mounting_of, prepared
 
@@ -73,6 +70,29 @@ class Lidars:
     def first(self) -> str | None:
         """Topic of the first lidar, whose poses are estimated; None if the recordings have only one."""
         return self.topics[0] if self.topics else None
+
+    def words(self) -> list:
+        """Return the words of a command line that name these lidars; none for a single lidar."""
+        if len(self.topics) <= 1:
+            return []
+        mountings = [['--mounting', topic, *(f'{value:.9f}' for value in (
+            mounting.pose.x, mounting.pose.y, math.degrees(mounting.pose.theta))),
+            *([UPSIDE_DOWN] if mounting.upside_down else [])] for topic, mounting in self.mountings.items()]
+        return [*chain(*mountings, *(['--topic', topic] for topic in self.topics))]
+
+    def of_recording(self, path, parameters) -> 'Lidars':
+        """Return the lidars of the recording at `path`: those of one topic, in several frames, are lidars of their own.
+
+        This applies to topics whose ``mounting`` is tf in the `parameters` (`NodeParameters` or None), and to which the
+        user gave no mounting.
+        """
+        topics: list[str] = []
+        parameters = parameters or NodeParameters()
+        for topic in self.topics or (None,):
+            recording = open_recording(path, topic, CloudParameters.of(parameters, topic, self.mountings))
+            is_given = recording.topic in self.mountings or parameters.lidar(recording.topic).mounting != 'tf'
+            topics += [recording.topic] if is_given else recording.lidar_topics(parameters.base_frame)
+        return replace(self, topics=tuple(topics)) if len(topics) > max(len(self.topics), 1) else self
 
     def open(self, path, parameters) -> Recording:
         """Open the recording at `path` with the topic of the first lidar; point clouds as in `parameters`."""
@@ -166,131 +186,3 @@ def lidars_of(first: Recording, lidars: Lidars, parameters, base=False) -> tuple
     else:
         mounting = first.mounting or mountings.get(first.topic) or mounting_of(parameters.lidar(first.topic))
     return mounting, further_lidars(first, topics, mountings, parameters) if topics else []
-
-
-@dataclass(eq=False)
-class LidarCounts:
-    """Scans of one lidar in a replay, by outcome.
-
-    Attributes
-    ----------
-    unused : int
-        Number of scans before the first and after the last scan of the first lidar, which are not used.
-    ignored : int
-        Number of scans before the lidar was found to agree with the first one, and while it disagreed.
-    skipped : int
-        Number of scans that could not be used.
-    problem : str
-        Why the last skipped scan could not be used.
-    error : str
-        With which lidars it disagrees, and by how much, or why it was never used; empty if it agrees.
-    statuses : Counter
-        Number of the processed scans by `Status`.
-    """
-
-    unused: int = 0
-    ignored: int = 0
-    skipped: int = 0
-    problem: str = ''
-    error: str = ''
-    statuses: Counter[Status] = field(default_factory=Counter)
-
-    def measures(self) -> dict:
-        """Return the number of scans by outcome; ``scans`` is the number of all except the `unused` ones."""
-        counts = {status.value: self.statuses[status] for status in Status}
-        scans = self.skipped + self.ignored + sum(counts.values())
-        return {'scans': scans, 'skipped': self.skipped, 'ignored': self.ignored, **counts}
-
-    def __str__(self) -> str:
-        counts = [f'{name} {count}' for name, count in self.measures().items() if count or name == 'skipped']
-        outside = f', {self.unused} not used, as before or after all scans of the first lidar' if self.unused else ''
-        problem = f'; the last skipped: {self.problem}' if self.problem else ''
-        error = f'; {self.error}' if self.error else ''
-        return ' '.join(counts) + outside + problem + error
-
-
-class OdometryWithOthers:
-    """Odometry that processes the scans of all lidars in the order of their stamps.
-
-    Only scans of the first lidar return an update; updates are numbered as if there were no other lidars.
-
-    Parameters
-    ----------
-    odometry : Odometry
-    others : list of FurtherLidar
-    first : str
-        Topic of the first lidar.
-    mounting : Mounting
-        Mounting of the first lidar.
-    parameters : NodeParameters
-        Their `lidar` has mask, time offset and limits of each lidar.
-
-    Attributes
-    ----------
-    recordings : list of Recording
-        Recordings with the topics of the other lidars.
-    counts : dict
-        Topic of a lidar -> `LidarCounts`, beginning with the first lidar.
-    """
-
-    def __init__(self, odometry, others, first, mounting, parameters):
-        self._odometry, self._first = odometry, Sensor(first, limits=parameters.lidar(first).scan)
-        self.recordings = [other.recording for other in others]
-        self._others = [(other.sensor(mounting, rank), other.scans(parameters.input_of(other.recording.topic)))
-                        for rank, other in enumerate(others, 1)]
-        self._next = [next(scans, None) for _, scans in self._others]
-        self.counts = {sensor.name: LidarCounts() for sensor in (self._first, *(sensor for sensor, _ in self._others))}
-        self._numbers: dict[int, int] = {}
-
-    def process(self, scan):
-        """Process the older scans of the other lidars, then a `scan` of the first lidar; return its update."""
-        while self._take_older(scan.stamp):
-            pass
-        update = self._process(scan, self._first)
-        number = self._numbers[update.number] = len(self._numbers)
-        reference = self._numbers.get(update.reference_number)
-        return dataclasses.replace(update, number=number, reference_number=reference)
-
-    def finish(self):
-        """Count the scans after the last scan of the first lidar, and name the lidars that disagree."""
-        found = self._odometry.comparisons.lidars
-        sensors = [self._first, *(sensor for sensor, _ in self._others)]
-        for sensor, compared in zip(sensors, disagreeing(
-                self._first.pose, [found.get(sensor.name) for sensor in sensors[1:]]), strict=True):
-            if compared:
-                remedy = ' (see calibrate)' if sensor.rank else ''
-                self.counts[sensor.name].error = described(compared, not sensor.rank) + remedy
-            elif (lidar := found.get(sensor.name)) and lidar.unfit:
-                self.counts[sensor.name].error = UNFIT
-        for (sensor, scans), scan in zip(self._others, self._next, strict=True):
-            self.counts[sensor.name].unused += (scan is not None) + sum(1 for _ in scans)
-
-    def _take_older(self, stamp):
-        """Process the oldest waiting scan of another lidar if it is older than `stamp` [ns]; return if there is one."""
-        waiting = [(scan.stamp, k) for k, scan in enumerate(self._next) if scan is not None]
-        if not waiting or min(waiting)[0] >= stamp:
-            return False
-        _, k = min(waiting)
-        sensor, scans = self._others[k]
-        scan, self._next[k] = self._next[k], next(scans, None)
-        if not self._numbers:
-            self.counts[sensor.name].unused += 1
-            return True
-        with suppress(ScanError):
-            self._process(scan, sensor)
-        return True
-
-    def _process(self, scan, sensor):
-        """Return the update of a scan of the lidar `sensor`, and count it; raise a ScanError if it is unusable."""
-        counts = self.counts[sensor.name]
-        try:
-            update = self._odometry.process(scan, None, sensor)
-        except ScanError as error:
-            counts.skipped += 1
-            counts.problem = str(error)
-            raise
-        if update.waits:
-            counts.ignored += 1
-        else:
-            counts.statuses[update.status] += 1
-        return update

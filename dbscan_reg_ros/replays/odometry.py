@@ -6,8 +6,9 @@ from ..core.odometry.pipeline import Odometry
 from ..core.odometry.sensor import FIRST
 from ..robot.external_prior import measured_prior, sensor_prior
 from ..robot.pose_history import PoseHistory
-from .lidars import OdometryWithOthers, lidars_of
+from .lidars import lidars_of
 from .sensor_mounting import prepared
+from .several_lidars.odometry_with_others import OdometryWithOthers
 from .trajectory import Trajectory
 
 WHEELS = 'odometry'
@@ -71,8 +72,8 @@ def replayed_trajectory(recording, scans, lidars, parameters) -> Trajectory:
     parameters : NodeParameters
     """
     mounting, others = lidars_of(recording, lidars, parameters)
-    trajectory = Trajectory(mounting.pose.theta, mounting.upside_down)
     odometry = replay_odometry(parameters, others, recording.topic, mounting, recorded_wheels(parameters, recording))
+    trajectory = Trajectory(mounting.pose.theta, mounting.upside_down, numbers=odometry.numbers if others else [])
     for _ in trajectory.follow(prepared(scans, mounting, parameters.input_of(recording.topic)), odometry):
         pass
     return trajectory

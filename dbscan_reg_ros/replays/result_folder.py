@@ -29,7 +29,11 @@ def point_latest(folder):
     os.replace(link, folder.with_name('latest'))
 
 
-def register_command(folder, recording) -> str:
-    """Return the command line that registers two scans of the recording again if their numbers are appended."""
+def register_command(folder, recording, lidars) -> str:
+    """Return the command line that registers two scans of the recording again if their numbers are appended.
+
+    With several `lidars` (`Lidars`) it numbers the scans of all of them, as the replay does.
+    """
     parameters, path = (folder / 'parameters.yaml').absolute(), recording.path.absolute()
-    return command_line('register', '--params-file', parameters, '--topic', recording.topic, path)
+    topics = lidars.words() or ['--topic', recording.topic]
+    return command_line('register', '--params-file', parameters, *topics, path)

@@ -15,7 +15,6 @@ from ..recordings.recording import Recording
 from ..robot.parameters import NodeParameters
 from .animation import Track, write_animation
 from .faults import Faults
-from .lidars import OdometryWithOthers
 from .loops import Loops
 from .occupancy_map import write_occupancy_map
 from .own_bodies import OwnBodies
@@ -25,6 +24,7 @@ from .page.report import ClosedMap, Report, write_report
 from .page.scan_history import ScanHistory
 from .pairs_to_review import PairsToReview
 from .sensor_mounting import received
+from .several_lidars.odometry_with_others import OdometryWithOthers
 from .summary import describe_recordings, summarise, write_metrics
 from .trajectory import Trajectory
 

@@ -32,7 +32,7 @@ def write_metrics(path, recordings, measures, counts, bodies=()):
                 for each in recordings for sighting in each.watch.sightings]
     warnings += [{'topic': topic, 'kind': 'own_body', 'text': text} for topic, text in bodies]
     content = {'recording': recording.name, 'file': str(recording.path), 'topic': recording.topic,
-               'backend': default_backend().name, 'notes': recording.notes, 'warnings': warnings}
+               'backend': default_backend().name, 'notes': _notes(recordings), 'warnings': warnings}
     if counts:
         content['lidars'] = {topic: count.measures() for topic, count in counts.items()}
     content |= {name: value if math.isfinite(value) else None for name, value in measures.items()}
@@ -47,13 +47,20 @@ def describe_recordings(recordings, counts, bodies=(), base=False) -> list:
     `base`: whether the files of poses have those of the base.
     """
     lidars = [('lidar', f'{topic}: {count}') for topic, count in counts.items()]
+    if lidars:
+        lidars.append(('numbers', 'those of scans count the scans of all lidars in the order of their stamps, from 0'))
     if lidars or base:
         of_files = ', in the files *.tum those of the base' if base else ''
         lidars.append(
             ('poses', f'those of the lidar on {recordings[0].topic}, in its frame at its first scan{of_files}'))
     seen = [(each.topic, line) for each in recordings for line in each.watch.lines()]
-    return [*lidars, *(('note', note) for note in recordings[0].notes),
+    return [*lidars, *(('note', note) for note in _notes(recordings)),
             *(('warning', f'{topic}: {line}' if counts else line) for topic, line in (*seen, *bodies))]
+
+
+def _notes(recordings):
+    """Return the notes on how the recordings were read; with several lidars each begins with a topic."""
+    return [f'{each.topic}: {note}' if len(recordings) > 1 else note for each in recordings for note in each.notes]
 
 
 def summarise(measures) -> list:

@@ -38,6 +38,9 @@ class Trajectory:
         Number of restarts of the tracking at the last pose.
     problems : list of str
         For each scan that was not used, its number, from 0, and the reason.
+    numbers : list of int
+        Number of each scan of the recording among those of all lidars, as `OdometryWithOthers.numbers`; empty for a
+        single lidar.
     explanation : str
         For the trajectory of another program: which scans have a pose in it, and why others have none.
     interpolated : int
@@ -53,6 +56,7 @@ class Trajectory:
     processor_seconds: float = 0.0
     used: list = field(default_factory=list)
     problems: list = field(default_factory=list)
+    numbers: list = field(default_factory=list)
     restarts: int = 0
     explanation: str = ''
     interpolated: int = 0
@@ -60,13 +64,13 @@ class Trajectory:
     def follow(self, scans, odometry):
         """Process `scans` with `odometry`, an object with the method ``process`` of `Odometry`; yield each result."""
         turn = SE2(theta=self.yaw)
-        for number, scan in enumerate(scans):
+        for count, scan in enumerate(scans):
             begin, processor = perf_counter(), process_time()
             try:
                 update = odometry.process(scan)
             except ScanError as error:
                 self.used.append(False)
-                self.problems.append(f'scan {number} not used: {error}')
+                self.problems.append(f'scan {self.number(count)} not used: {error}')
                 continue
             self.milliseconds.append(1e3 * (perf_counter() - begin))
             self.processor_seconds += process_time() - processor
@@ -77,6 +81,17 @@ class Trajectory:
             self.statuses.append(update.status)
             self.restarts += bool(update.restarted) and update.registration is None
             yield update
+
+    def number(self, count):
+        """Return the number of the scan, among those of all lidars, before which `count` scans of this lidar came."""
+        if count < len(self.numbers):
+            return self.numbers[count]
+        return self.numbers[-1] + 1 if self.numbers else count
+
+    @property
+    def used_numbers(self):
+        """Numbers ``(N,)`` of the used scans, among the scans of all lidars."""
+        return np.array([self.number(count) for count in np.flatnonzero(self.used)], dtype=int)
 
     @property
     def registered(self):

@@ -16,6 +16,7 @@ from .parameter_groups import (
     SnapshotParameters,
 )
 from .sensors import (
+    FRAME_MARK,
     INHERITED,
     NAMELESS,
     OWN,
@@ -178,9 +179,12 @@ class NodeParameters(Parameters):
         return parameters.replace({'advanced.odometry.prior': 'none'}) if self.prior.source == 'none' else parameters
 
     def lidar(self, topic: str) -> LidarParameters:
-        """Return the parameters of the lidar on `topic`; of the first lidar if no lidar has this topic."""
-        names = _absolute(self.scan_topics)
-        number = names.index(topic.lstrip('/')) if topic.lstrip('/') in names else 0
+        """Return the parameters of the lidar on `topic`; of the first lidar if no lidar has this topic.
+
+        All lidars on one topic, with names of `name_in_frame`, have the same parameters.
+        """
+        names, topic = _absolute(self.scan_topics), topic.partition(FRAME_MARK)[0].lstrip('/')
+        number = names.index(topic) if topic in names else 0
         if self.sensors == NAMELESS:
             return LidarParameters(self.scan_topics[number], self.input.of_lidar(number), self.scan, self.mounting,
                                    self.laser_pose, self.upside_down)

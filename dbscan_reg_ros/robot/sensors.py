@@ -19,6 +19,8 @@ INHERITED = {'type': 'input.type', 'mounting': 'mounting', 'laser_pose': 'laser_
 """Parameter below the name of a lidar -> parameter from which it is inherited."""
 OWN = 'topic', *INHERITED
 """Parameters below the name of a lidar."""
+FRAME_MARK = ':'
+"""Between the topic and the frame of scans in the name of one of several lidars on a topic; no topic contains it."""
 NAMELESS = ('',)
 """Value of the parameter ``sensors`` if the lidars have no names: they are those of ``scan_topics``."""
 
@@ -50,6 +52,11 @@ class LidarParameters:
     laser_pose: tuple[float, ...]
     upside_down: bool
     name: str = field(default='', compare=False)
+
+
+def name_in_frame(topic: str, frame: str) -> str:
+    """Return the name of the lidar whose scans on a `topic` have this `frame`."""
+    return f'{topic}{FRAME_MARK}{frame}'
 
 
 def is_named(names: object) -> bool:

@@ -8,7 +8,6 @@ from bags import laser_scan, needs_rosbags, write_bag
 from events import Reader
 from ros_helpers import Peer, needs_tf2_msgs, said
 
-from dbscan_reg_ros.commands import register
 from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.recordings import open_recording, read_tum
@@ -31,15 +30,6 @@ def two_lidars(bag, *words):
 @pytest.fixture(scope='module')
 def pair(tmp_path_factory):
     return two_lidars(tmp_path_factory.mktemp('pair') / 'pair')
-
-
-@needs_rosbags
-def test_a_command_for_one_lidar_refuses_two(pair, capsys):
-    with pytest.raises(SystemExit) as ended:
-        register.main([str(pair), '0', '1', *TOPICS])
-    assert ended.value.code == 2
-    assert capsys.readouterr().err == ('register: --topic is given twice, but register takes one lidar; replay, '
-                                       'compare, tune, play and demo take several\n')
 
 
 @needs_rosbags

@@ -9,6 +9,7 @@ import numpy as np
 from ...core.errors import RecordingError, ScanError
 from ...core.geometry.mounting import Mounting, MountingError
 from ...core.scan import Scan, in_nanoseconds
+from ...robot.sensors import FRAME_MARK, name_in_frame
 from ..playback import ODOMETRY, RENAMED, Channel, Played, inputs_of, only
 from ..poses import FARTHEST, compose, corrected, possible
 from ..recording import Record, Recording
@@ -39,6 +40,7 @@ class Bag(Recording):
     ----------
     path : Path
     topic : str, optional
+        TOPIC:FRAME means the scans on a topic that have this frame.
     point_clouds : CloudParameters, optional
         How point clouds become scans; without it only laser scans can be read. A topic of point clouds is chosen if
         `topic` names it, or no topic has laser scans.
@@ -46,6 +48,10 @@ class Bag(Recording):
 
     def __init__(self, path, topic=None, point_clouds: CloudParameters | None = None):
         super().__init__(path)
+        name = topic or ''
+        topic, frame = name.partition(FRAME_MARK)[::2]
+        self._frame: str = frame
+        topic = topic or None
         with open_reader(self.path) as reader:
             scans, points, odometry = (_topics(reader.connections, kind)
                                        for kind in (LASER_SCAN, POINT_CLOUD, ODOMETRY))
@@ -56,11 +62,14 @@ class Bag(Recording):
             if not scans:
                 raise RecordingError(f'{self.path}: holds no {LASER_SCAN}; {other_contents(reader.connections)}')
         self._choose(scans, topic)
+        self._recorded = self.topic
         self._clouds = point_clouds if self.topic in points else None
         self._reader: CloudReader | None = None
         self._truth_topic = only(name for name in odometry if 'truth' in name)
         self._laser_topic = only(name for name in odometry if 'laser_pose' in name)
         self._wheel_topic = _wheel_topic(odometry)
+        if self._frame:
+            self._choose_frame(name)
         first = next(self.scans(), None)
         if first is None:
             problem = self.problems[0] if self.problems else 'there is no message'
@@ -75,11 +84,43 @@ class Bag(Recording):
         """Return an iterator over the scans on the chosen topic, in order of record time."""
         return (played.content for played in self.play(()))
 
+    def _choose_frame(self, name):
+        """Set `topic` to `name`, TOPIC:FRAME, and count the scans with this frame; raise RecordingError if none is."""
+        counts = self._frames()
+        if self._frame not in counts:
+            raise RecordingError(f'{self.path}: no scans on {self._recorded} have the frame {self._frame!r}; their '
+                                 f'frames: {", ".join(counts) or "none"}')
+        self.topic, self.count = name, counts[self._frame]
+        self._note(f'of the scans on {self._recorded}, those with the frame {self._frame!r}')
+
+    def _frames(self):
+        """Return frame -> number of scans on the topic, in the order of their first scans."""
+        return Counter(_frame_of(message) for *_, message in self._messages([self._recorded]))
+
+    def lidar_topics(self, base_frame):
+        """Return `topic`, or TOPIC:FRAME for each frame of the laser scans, if the mountings of several are recorded.
+
+        The lidar of the first scan is the first one.
+        """
+        if self._frame or self._clouds or not self._is_mounted(base_frame, self.frame_id):
+            return [self.topic]
+        frames = self._frames()
+        if len(frames) == 1 or not all(self._is_mounted(base_frame, frame) for frame in frames):
+            return [self.topic]
+        return [name_in_frame(self.topic, frame) for frame in frames]
+
+    def _is_mounted(self, base_frame, frame):
+        """Whether the transforms of the bag have the mounting of a lidar with this frame."""
+        try:
+            return static_mounting(self.path, base_frame, frame) is not None
+        except MountingError:
+            return False
+
     def channels(self):
         """Return the `Channel` of every topic that has messages, except the topic of the scans."""
         with open_reader(self.path) as reader:
             held = {c.topic: (c.msgtype, reader.is_latched(c)) for c in reader.connections
-                    if c.topic != self.topic and c.msgcount}
+                    if c.topic != self._recorded and c.msgcount}
         inputs = inputs_of({topic: kind for topic, (kind, _) in held.items()}, self._wheel_topic)
         return [Channel(topic, RENAMED.get(kind, kind), latched or inputs.get(topic) == '/tf_static',
                         inputs.get(topic, ''))
@@ -89,9 +130,11 @@ class Bag(Recording):
         """Yield `Played` in order of record time: each readable scan, and each message of `channels` as bytes."""
         geometry, watch = None, ScanWatch()
         wanted = {channel.recorded: channel for channel in channels}
-        for number, topic, time, message in self._messages([self.topic], wanted):
+        for number, topic, time, message in self._messages([self._recorded], wanted):
             if topic in wanted:
                 yield Played(message, time, wanted[topic])
+                continue
+            if self._frame and _frame_of(message) != self._frame:
                 continue
             self._look(watch, ScanFields.from_message(message))
             try:
@@ -194,6 +237,10 @@ class Bag(Recording):
                     self._report(f'{self.path.name}: damaged message {numbers[topic]} on {topic} skipped{own(error)}')
                     continue
                 yield numbers[topic], topic, time, message
+
+
+def _frame_of(message):
+    return message.header.frame_id.strip('/')
 
 
 def _topics(connections, kind):

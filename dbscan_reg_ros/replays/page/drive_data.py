@@ -32,7 +32,7 @@ def drive_data(report) -> dict:
     trajectory, records = report.trajectory, report.history.records()
     records = [record for record in records if record.number < len(trajectory.poses)]
     kept = np.array([record.number for record in records], dtype=int)
-    poses, scans = trajectory.pose_array(), np.flatnonzero(trajectory.used)
+    poses, scans = trajectory.pose_array(), trajectory.used_numbers
     distance = path_lengths(poses) if len(poses) else np.zeros(0)
     moved = not len(distance) or distance[-1] >= DRIVE
     along = distance if moved else scans.astype(float)

@@ -108,7 +108,7 @@ def page_data(report, live=False):
     """Return the data that the script of the page reads, as numbers and texts, and the packed scans."""
     drive = drive_data(report)
     packed_scans = drive.pop('scans')
-    scans = np.flatnonzero(report.trajectory.used)
+    scans = report.trajectory.used_numbers
     data = {
         'title': report.title, 'live': live, 'summary': report.summary, 'drive': drive,
         'map': _map(report.density), 'closedMap': _map(report.closed.density) if report.closed else None,
