@@ -16,13 +16,13 @@ from ..core.odometry.pipeline import Odometry
 from ..core.odometry.records import OdometryUpdate
 from ..core.registration.records import Status
 from ..core.scan import SECOND, in_nanoseconds
-from ..robot.base_state import InitialPose, base_state
+from ..robot.base_state import BaseState, InitialPose, base_state
 from ..robot.parameters import NodeParameters
 from .frames.mountings import Mountings
 from .frames.transform_sender import TransformSender, transform_type
 from .frames.transforms import TransformListener
 from .interfaces.graph_entities import GraphEntities
-from .interfaces.lidar import Lidar, OdometryTrigger
+from .interfaces.lidar import Callbacks, Lidar, OdometryTrigger
 from .interfaces.live_parameters import LiveParameters
 from .interfaces.outputs import Outputs
 from .interfaces.scan_reader import ScanMessage
@@ -30,6 +30,9 @@ from .interfaces.services import Services
 from .monitoring.diagnostics import PERIOD, Diagnostics
 from .priors import Priors
 from .throttled_log import ThrottledLog
+
+MOST_FRAMES = 8
+"""Largest number of lidars on one topic."""
 
 
 class NodeCore:
@@ -69,6 +72,7 @@ class NodeCore:
         self._lidars = [Lidar(lidar.topic, len(lidars) > 1, node,
                               Mountings(parameters.base_frame, lidar, self._listener), rank)
                         for rank, lidar in enumerate(lidars)]
+        self._callbacks = Callbacks(self._patience, self._on_scan, self._retry_others, self._lidar_of)
         self._trigger = OdometryTrigger(len(lidars), parameters.odom_on == 'all')
         self._outputs = Outputs(node, parameters)
         self._services = Services(node, parameters, self._log, self._reset)
@@ -80,14 +84,15 @@ class NodeCore:
         node.create_timer(PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._initial = InitialPose()
         self._origin: SE2 | None = None
+        self._last: tuple[ScanMessage, BaseState] | None = None
         self._reconfigure(parameters)
         live.changed = self._reconfigure
 
     def activate(self) -> None:
         """Subscribe to the scans of all lidars; raise a ParameterError if a QoS parameter is invalid."""
-        inboxes = [lidar.subscribe(self._patience, self._on_scan, self._retry_others) for lidar in self._lidars]
+        inboxes = [lidar.subscribe(self._callbacks) for lidar in self._lidars]
         self._diagnostics.restart()
-        topics = ', '.join(inbox.topic for inbox in inboxes)
+        topics = ', '.join(inbox.name for inbox in inboxes)
         self._node.get_logger().info(f'ready: {topics} -> {self._outputs.odom.topic_name}')
 
     def deactivate(self) -> None:
@@ -127,6 +132,41 @@ class NodeCore:
     def _followed_frame(self, frame: str) -> str:
         """Name of the frame that the odometry tracks: that of the only lidar, or with several lidars the base frame."""
         return frame if len(self._lidars) == 1 else self._live.value.base_frame
+
+    def _lidar_of(self, lidar: Lidar, frame: str) -> Lidar:
+        """Return a new lidar for the scans in another `frame` on the topic of `lidar`, if mountings are transforms.
+
+        Otherwise, and for more than `MOST_FRAMES` frames, return `lidar`, which warns of the changing frame.
+        """
+        value = self._live.value
+        parameters = value.lidar(lidar.topic)
+        if parameters.mounting != 'tf' or len(lidar.frames) >= MOST_FRAMES:
+            return lidar
+        lidar.distinguish(True, next(iter(lidar.frames)))
+        if len(self._lidars) == 1:
+            self._follow_base(lidar)
+        mountings = Mountings(value.base_frame, parameters, self._listener)
+        further = lidar.frames[frame] = Lidar(lidar.topic, True, self._node, mountings, len(self._lidars), lidar)
+        self._lidars.append(further)
+        self._trigger.add_lidar()
+        self._outputs.lidars = len(self._lidars)
+        further.reconfigure(value)
+        further.distinguish(True, frame)
+        further.subscribe(self._callbacks)
+        self._node.get_logger().info(f'{further.label}another lidar on this topic: each frame is a lidar of its own '
+                                     f'({", ".join(lidar.frames)})')
+        return further
+
+    def _follow_base(self, lidar: Lidar) -> None:
+        """Track the base instead of the only `lidar`: start again at its last scan and at the last pose of the base."""
+        if self._last is None:
+            return
+        message, state = self._last
+        self._odometry.reset()
+        self._initial, self._origin = InitialPose(state.pose, state.covariance), None
+        scan, mounting = lidar.reader.read(message, lidar.mountings, lidar.input)
+        self._odometry.process(scan, None, lidar.sensor(mounting))
+        self._priors.processed(scan.stamp, Mounting())
 
     def _on_scan(self, lidar: Lidar, message: ScanMessage) -> None:
         if self._services.paused:
@@ -171,7 +211,8 @@ class NodeCore:
             self._outputs.publish(update, state, self._origin)
         else:
             self._outputs.keep(update)
-        lidar.counters.compared = self._odometry.comparisons.lidars.get(lidar.topic)
+        self._last = message, state
+        lidar.counters.compared = self._odometry.comparisons.lidars.get(lidar.sensor_name)
         lidar.counters.mounting = mounting
         lidar.counters.body.add(scan, update.pose @ update.sensor.pose)
         lidar.counters.processed_scan(update, self._origin, followed.aligned_pose, time.perf_counter() - began)
@@ -197,7 +238,7 @@ class NodeCore:
         """Restart the odometry at the next scan, at which the base has the pose `initial`."""
         self._node.get_logger().info(f'odometry reset: {reason}')
         self._initial = initial
-        self._origin = None
+        self._origin = self._last = None
         self._odometry.reset()
         self._outputs.reset()
         for part in (self._priors, self._trigger, self._sender):

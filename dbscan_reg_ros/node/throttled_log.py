@@ -21,11 +21,16 @@ class ThrottledLog:
         Prefix of each warning, which names what the warnings are about.
     period : float
         Minimum time between two warnings of one kind [s].
+
+    Attributes
+    ----------
+    subject : str
+        As above; may be changed.
     """
 
     def __init__(self, logger: RcutilsLogger, subject: str = '', period: float = 10.0) -> None:
         self._logger = logger
-        self._subject = subject
+        self.subject = subject
         self._period = period
         self._kinds: dict[str, tuple[float, int]] = {}
 
@@ -41,4 +46,4 @@ class ThrottledLog:
             self._kinds.clear()
         self._kinds[kind] = now, 0
         more = f' ({suppressed} more like this since the last time)' if suppressed else ''
-        self._logger.warning(self._subject + text + more)
+        self._logger.warning(self.subject + text + more)

@@ -2,6 +2,7 @@
 """Lidars that the node subscribes to, and the choice of the lidar whose scans trigger the published odometry."""
 import dataclasses
 from collections.abc import Callable
+from typing import NamedTuple
 
 from rclpy.node import Node
 
@@ -12,14 +13,32 @@ from ...core.parameters.features import ScanParameters
 from ...robot.parameter_groups import LASER_SCAN, InputParameters
 from ...robot.parameters import NodeParameters
 from ...robot.recent_stamps import RecentStamps
+from ...robot.sensors import name_in_frame
 from ..counters import Counters
 from ..throttled_log import ThrottledLog
-from .scan_input import TYPES, ScanInbox, StampFilter
+from .scan_input import TYPES, ScanInbox, ScanTopic, StampFilter
 from .scan_reader import MountingSource, ScanMessage, ScanReader
 
 
+class Callbacks(NamedTuple):
+    """What is done with the scans of the lidars.
+
+    Attributes
+    ----------
+    patience, handle, passed : callable
+        As in `ScanInbox`, with the lidar as the first argument.
+    lidar_of : callable
+        ``lidar_of(lidar, frame)`` returns the lidar of a further frame on the topic of `lidar`: it, or another.
+    """
+
+    patience: Callable[['Lidar', ScanMessage], float]
+    handle: Callable[['Lidar', ScanMessage], None]
+    passed: Callable[['Lidar'], None]
+    lidar_of: Callable[['Lidar', str], 'Lidar']
+
+
 class Lidar:
-    """One lidar: its topic, its subscription, and the checks of its messages.
+    """One lidar: its topic, its scans, and the checks of its messages.
 
     Parameters
     ----------
@@ -33,11 +52,15 @@ class Lidar:
         Where its mounting is found.
     rank : int
         Number of the lidar, from 0; `Sensor.rank`.
+    shares : Lidar, optional
+        The lidar that is subscribed to the topic, if this is another lidar on it.
 
     Attributes
     ----------
-    label : str
-        Prefix of messages about this lidar: its topic if there are several lidars; empty for a single lidar.
+    frame : str
+        Frame of its scans, if there are other lidars on its topic; else empty.
+    frames : dict
+        Frame of scans on its topic -> their lidar; first the frame of its own.
     log : ThrottledLog
         Log for warnings about its scans.
     counters : Counters
@@ -51,18 +74,40 @@ class Lidar:
         Pending scans; None while the node is not subscribed to the topic.
     """
 
-    def __init__(self, topic: str, several: bool, node: Node, mountings: MountingSource, rank: int = 0) -> None:
+    def __init__(self, topic: str, several: bool, node: Node, mountings: MountingSource, rank: int = 0,
+                 shares: 'Lidar | None' = None) -> None:
         self.topic, self._several, self._node = topic, several, node
-        self.mountings, self.rank = mountings, rank
-        self.label = f'{node.resolve_topic_name(topic)}: ' if several else ''
-        self.log = ThrottledLog(node.get_logger(), self.label)
+        self.mountings, self.rank, self._shares, self.frame = mountings, rank, shares, ''
+        self.log = ThrottledLog(node.get_logger())
         self.counters = Counters()
         self.reader, self.stamps = ScanReader(node.get_clock(), self.log), StampFilter()
         self._type = LASER_SCAN
         self.input, self.name = InputParameters(), ''
         self._limits: ScanParameters | None = None
         self._has_new_type = False
+        self.frames: dict[str, Lidar] = {}
         self.inbox: ScanInbox | None = None
+        self.distinguish(several)
+
+    @property
+    def label(self) -> str:
+        """Prefix of messages about this lidar: its topic if there are several lidars; empty for a single lidar."""
+        if not self._several:
+            return ''
+        topic = self._node.resolve_topic_name(self.topic)
+        return f'{name_in_frame(topic, self.frame) if self.frame else topic}: '
+
+    @property
+    def sensor_name(self) -> str:
+        """Name of the `Sensor` of its scans, which is the same before and after others are found on its topic."""
+        return name_in_frame(self.topic, self.frame) if self._shares else self.topic
+
+    def distinguish(self, several: bool, frame: str = '') -> None:
+        """Set whether there are `several` lidars, and the `frame` of its scans if others are on its topic."""
+        self._several, self.frame = several, frame or self.frame
+        self.log.subject = self.label
+        if self.inbox:
+            self.inbox.frame = self.frame
 
     def reconfigure(self, parameters: NodeParameters) -> None:
         """Apply the parameters of the node."""
@@ -75,18 +120,31 @@ class Lidar:
         if self.inbox:
             self.inbox.parameters = self.input
 
-    def subscribe(self, patience: Callable[['Lidar', ScanMessage], float],
-                  handle: Callable[['Lidar', ScanMessage], None], passed: Callable[['Lidar'], None]) -> ScanInbox:
-        """Subscribe to the scans; call `handle` with this lidar and each scan; all as in `ScanInbox`."""
-        self._callbacks = patience, handle, passed
-        self.inbox = ScanInbox(self._node, self.input, lambda message: patience(self, message),
-                               lambda message: handle(self, message), lambda: passed(self), self.topic)
+    def subscribe(self, callbacks: Callbacks) -> ScanInbox:
+        """Subscribe to the scans, unless a lidar that is subscribed shares its topic."""
+        self._callbacks = callbacks
+        inbox = self._shares.inbox if self._shares else None
+        source = inbox.source if inbox else ScanTopic(self._node, self._type, self.topic, self._inbox_of)
+        self.inbox = ScanInbox(self._node, self.input, lambda message: callbacks.patience(self, message),
+                               lambda message: callbacks.handle(self, message), lambda: callbacks.passed(self), source)
+        self.inbox.frame = self.frame
         return self.inbox
+
+    def _inbox_of(self, frame: str) -> ScanInbox:
+        """Return the inbox of the lidar on this topic whose scans have this `frame`."""
+        if frame and not self.frames:
+            self.frames[frame] = self
+        lidar = self.frames.get(frame) or (self._callbacks.lidar_of(self, frame) if frame else self)
+        inbox = lidar.inbox or self.inbox
+        assert inbox
+        return inbox
 
     def unsubscribe(self) -> None:
         """Unsubscribe, and drop the pending scans."""
         if self.inbox:
             self.inbox.close()
+            if not self._shares:
+                self.inbox.source.close()
         self.inbox = None
         self._has_new_type = False
 
@@ -95,9 +153,11 @@ class Lidar:
 
         Unsubscribes first and subscribes when called again: the executor keeps the old subscription until it has run.
         """
+        if self._shares:
+            return self._follow_subscription(self._shares.inbox)
         if self._has_new_type:
             self._has_new_type = False
-            inbox = self.subscribe(*self._callbacks)
+            inbox = self.subscribe(self._callbacks)
             self._node.get_logger().info(f'{inbox.topic}: subscribed to {self._type}')
             return True
         if not self.inbox or not self._is_auto:
@@ -113,9 +173,18 @@ class Lidar:
         self._has_new_type = True
         return True
 
+    def _follow_subscription(self, shared: ScanInbox | None) -> bool:
+        """Subscribe again if the lidar that shares the topic has; return whether that changed."""
+        if (shared and shared.source) is (self.inbox and self.inbox.source):
+            return False
+        self.unsubscribe()
+        if shared:
+            self.subscribe(self._callbacks)
+        return True
+
     def sensor(self, mounting: Mounting) -> Sensor:
         """Return the `Sensor` of a scan, which with several lidars contains the pose of the lidar on the base."""
-        return Sensor(self.topic, mounting.aligned_pose, self.rank, self._limits) if self._several else FIRST
+        return Sensor(self.sensor_name, mounting.aligned_pose, self.rank, self._limits) if self._several else FIRST
 
     def followed_pose(self, mounting: Mounting) -> SE2:
         """Return the pose of the tracked frame in the base frame: the only lidar, or the base if there are several."""
@@ -137,6 +206,10 @@ class OdometryTrigger:
         self._on_all = on_all
         self._stamps = [RecentStamps() for _ in range(count)]
         self._last: int | None = None
+
+    def add_lidar(self) -> None:
+        """Count one more lidar, the last of the list."""
+        self._stamps.append(RecentStamps())
 
     def restart(self) -> None:
         """Accept any stamp of the next scan: the odometry was reset."""

@@ -58,6 +58,8 @@ class Outputs:
     ----------
     odom : rclpy publisher
         Publisher of the odometry.
+    lidars : int
+        Number of lidars.
 
     Raises
     ------
@@ -66,7 +68,7 @@ class Outputs:
     """
 
     def __init__(self, node: Node, parameters: NodeParameters) -> None:
-        self.parameters = parameters
+        self.parameters, self.lidars = parameters, len(parameters.scan_topics)
         self.odom, self._segments, self._path, self._map = (
             publisher(node, kind, topic, depth)
             for kind, topic, depth in ((Odometry, 'odom', ODOM_DEPTH), (MarkerArray, 'segments', PICTURE_DEPTH),
@@ -113,7 +115,7 @@ class Outputs:
         if update.reference_changed:
             self._key_frames.append(_KeyFrame(update.features, update.scan_pose))
             self._has_new_key_frame = True
-        del self._key_frames[:-self.parameters.odometry.key_frames * len(self.parameters.scan_topics)]
+        del self._key_frames[:-self.parameters.odometry.key_frames * self.lidars]
 
     def _extend_path(self, state: BaseState) -> None:
         """Add the pose to the path when it is at least ``path.step`` away from the last pose of the path."""

@@ -13,6 +13,7 @@ from ...core.scan import SECOND, in_nanoseconds
 from ...robot.mask import corrected_stamp
 from ...robot.parameter_groups import LASER_SCAN, POINT_CLOUD, InputParameters
 from ...robot.recent_stamps import RecentStamps
+from ...robot.sensors import name_in_frame
 from .endpoints import subscription
 from .graph_checks import incompatibilities
 from .messages import stamp_to_message
@@ -26,32 +27,19 @@ TYPES = {LASER_SCAN: LaserScan, POINT_CLOUD: PointCloud2}
 """Values of ``input.type`` -> type of the messages."""
 
 
-class ScanInbox:
-    """Subscribes to the scans of one lidar and passes them to `handle` one after the other.
-
-    When the queue is full, the oldest scan is dropped.
+class ScanTopic:
+    """Subscribes to a topic and puts each scan into the inbox of its lidar.
 
     Parameters
     ----------
     node : rclpy.node.Node
         The node that subscribes.
-    parameters : InputParameters
-        Parameters of this lidar, with the type of its messages in `TYPES`; may be replaced at any time.
-    patience : callable
-        Function that returns how long [s] after its arrival a scan may wait: for its mounting, its prior or older scans
-        of other lidars; 0 if it can be processed now.
-    handle : callable
-        Function that processes each scan.
-    passed : callable
-        Function that is called when a scan has arrived or was processed: scans of other lidars may have waited for it.
-    topic : str
-
-    Attributes
-    ----------
-    received, dropped : int
-        Number of scans received or dropped so far.
-    stamps : RecentStamps
-        Stamps of the scans that arrived.
+    kind : str
+        Type of the messages, in `TYPES`.
+    name : str
+        Name of the topic.
+    inbox_of : callable
+        ``inbox_of(frame)`` returns the `ScanInbox` of the lidar with this frame.
 
     Raises
     ------
@@ -59,27 +47,95 @@ class ScanInbox:
         When the quality of service that the parameters set is invalid.
     """
 
-    def __init__(self, node: Node, parameters: InputParameters, patience: Callable[[ScanMessage], float],
-                 handle: Callable[[ScanMessage], None], passed: Callable[[], None], topic: str = 'scan') -> None:
-        self.parameters = parameters
-        self.received = self.dropped = 0
-        self.stamps = RecentStamps()
-        self._node = node
-        self._patience = patience
-        self._handle, self._passed = handle, passed
-        self._pending: deque[tuple[ScanMessage, float]] = deque()
-        self._subscription = subscription(node, TYPES[parameters.type], topic, self._on_message, QUALITY)
-        self._timer = node.create_timer(1.0, self._process_next, callback_group=WakingCallbackGroup(self.has_pending),
-                                        clock=Clock(clock_type=ClockType.STEADY_TIME), autostart=False)
+    def __init__(self, node: Node, kind: str, name: str, inbox_of: Callable[[str], 'ScanInbox']) -> None:
+        self._node, self._inbox_of = node, inbox_of
+        self._subscription = subscription(node, TYPES[kind], name, self._on_message, QUALITY)
 
     @property
-    def topic(self) -> str:
+    def name(self) -> str:
         """Full name of the topic."""
         return str(self._subscription.topic_name)
 
     def incompatibilities(self) -> list[str]:
         """Return a sentence for each publisher on the topic from which nothing is received, with the reason."""
         return incompatibilities(self._node, self._subscription)
+
+    def close(self) -> None:
+        """Unsubscribe."""
+        self._node.destroy_subscription(self._subscription)
+
+    def take(self, inbox: 'ScanInbox') -> None:
+        """Put the scans that have arrived into their inboxes; those other than `inbox` process theirs later."""
+        for message in taken(self._subscription):
+            other = self._put(message)
+            if other is not inbox:
+                other.retry_pending()
+
+    def _on_message(self, message: ScanMessage) -> None:
+        inbox = self._put(message)
+        inbox.process_next()
+        inbox.passed()
+
+    def _put(self, message: ScanMessage) -> 'ScanInbox':
+        message.header.frame_id = message.header.frame_id.lstrip('/')
+        inbox = self._inbox_of(message.header.frame_id)
+        inbox.put(message)
+        return inbox
+
+
+class ScanInbox:
+    """Keeps the scans of one lidar and passes them to `handle` one after the other.
+
+    When the queue is full, the oldest scan is dropped.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        The node that processes the scans.
+    parameters : InputParameters
+        Parameters of this lidar; may be replaced at any time.
+    patience : callable
+        Function that returns how long [s] after its arrival a scan may wait: for its mounting, its prior or older scans
+        of other lidars; 0 if it can be processed now.
+    handle : callable
+        Function that processes each scan.
+    passed : callable
+        Function that is called when a scan has arrived or was processed: scans of other lidars may have waited for it.
+    source : ScanTopic
+        Topic of the scans, and perhaps of those of other lidars.
+
+    Attributes
+    ----------
+    received, dropped : int
+        Number of scans received or dropped so far.
+    stamps : RecentStamps
+        Stamps of the scans that arrived.
+    frame : str
+        Frame of the scans, if other lidars publish on the topic; else empty.
+    """
+
+    def __init__(self, node: Node, parameters: InputParameters, patience: Callable[[ScanMessage], float],
+                 handle: Callable[[ScanMessage], None], passed: Callable[[], None], source: ScanTopic) -> None:
+        self.parameters = parameters
+        self.received = self.dropped = 0
+        self.stamps = RecentStamps()
+        self.frame = ''
+        self.source, self.passed = source, passed
+        self._node = node
+        self._patience, self._handle = patience, handle
+        self._pending: deque[tuple[ScanMessage, float]] = deque()
+        self._timer = node.create_timer(1.0, self.process_next, callback_group=WakingCallbackGroup(self.has_pending),
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME), autostart=False)
+
+    @property
+    def topic(self) -> str:
+        """Full name of the topic."""
+        return self.source.name
+
+    @property
+    def name(self) -> str:
+        """Full name of the topic, with the frame if other lidars publish on it."""
+        return name_in_frame(self.topic, self.frame) if self.frame else self.topic
 
     def has_pending(self) -> bool:
         """Whether a scan waits for its mounting, its external prior or other lidars."""
@@ -96,21 +152,14 @@ class ScanInbox:
             self._retry_after(0.0)
 
     def close(self) -> None:
-        """Unsubscribe, and drop the pending scans."""
-        self._node.destroy_subscription(self._subscription)
+        """Drop the pending scans."""
         self._node.destroy_timer(self._timer)
         self._pending.clear()
 
-    def _on_message(self, message: ScanMessage) -> None:
-        self._queue(message)
-        self._process_next()
-        self._passed()
-
-    def _process_next(self) -> None:
+    def process_next(self) -> None:
         """Process the oldest pending scan if it need not wait any longer."""
         self._timer.cancel()
-        for message in taken(self._subscription):
-            self._queue(message)
+        self.source.take(self)
         if not self._pending:
             return
         message, arrival = self._pending[0]
@@ -121,19 +170,19 @@ class ScanInbox:
         self._pending.popleft()
         self._handle(message)
         self.retry_pending()
-        self._passed()
+        self.passed()
 
     def _retry_after(self, delay: float) -> None:
-        """Call `_process_next` once, after `delay` [s]."""
+        """Call `process_next` once, after `delay` [s]."""
         self._timer.timer_period_ns = int(delay * SECOND) + 1
         self._timer.reset()
 
-    def _queue(self, message: ScanMessage) -> None:
+    def put(self, message: ScanMessage) -> None:
+        """Keep a scan that has arrived until it is processed."""
         self.received += 1
         if (self.received - 1) % self.parameters.every_nth:
             return
         self._correct_stamp(message)
-        message.header.frame_id = message.header.frame_id.lstrip('/')
         self.stamps.add(in_nanoseconds(message.header.stamp))
         self._pending.append((message, time.monotonic()))
         while len(self._pending) > self.parameters.queue_size:

@@ -74,10 +74,10 @@ class Diagnostics:
 
     def restart(self) -> None:
         """Count the scans from 0: the node has subscribed or unsubscribed."""
-        self._dropped: Counter[str] = Counter()
+        self._dropped: Counter[int] = Counter()
         self._last: tuple[float, tuple[int, int, int]] | None = None
         self._last_scan = time.monotonic()
-        self._heard: dict[str, tuple[int, float]] = {}
+        self._heard: dict[int, tuple[int, float]] = {}
         self._patience = LOGGED_AFTER
 
     def publish(self) -> None:
@@ -120,11 +120,11 @@ class Diagnostics:
     def _silent(self) -> list[Lidar]:
         """Return the lidars that are silent while other lidars publish."""
         now = time.monotonic()
-        for inbox in self._inboxes:
-            if self._heard.get(inbox.topic, (0, now))[0] != inbox.received or inbox.topic not in self._heard:
-                self._heard[inbox.topic] = inbox.received, now
+        for lidar in self._lidars:
+            if lidar.inbox and self._heard.get(lidar.rank, (None, now))[0] != lidar.inbox.received:
+                self._heard[lidar.rank] = lidar.inbox.received, now
         silent = [lidar for lidar in self._lidars
-                  if lidar.inbox and now - self._heard[lidar.inbox.topic][1] > STALE_AFTER]
+                  if lidar.inbox and now - self._heard[lidar.rank][1] > STALE_AFTER]
         return [] if len(silent) == len(self._inboxes) else silent
 
     def _level(self, silence: float) -> tuple[bytes, str]:
@@ -151,8 +151,8 @@ class Diagnostics:
         for lidar in self._lidars:
             if not lidar.inbox:
                 continue
-            topic, total = lidar.inbox.topic, lidar.inbox.dropped
-            count, self._dropped[topic] = total - self._dropped[topic], total
+            rank, total = lidar.rank, lidar.inbox.dropped
+            count, self._dropped[rank] = total - self._dropped[rank], total
             if count:
                 texts.append(f'{lidar.label}too slow: {count} scans dropped')
                 lidar.log.warn(f'too slow: {count} scans dropped, as others were still being processed or waited for '
@@ -191,7 +191,7 @@ class Diagnostics:
         names = named(self._node.get_publishers_info_by_topic(inbox.topic))
         publishers = (f'{names} publishes there, but no scan is received' if names
                       else f'no node publishes there{self._other_scan_topics()}')
-        return f'no scans on {inbox.topic}: {"; ".join(inbox.incompatibilities()) or publishers}'
+        return f'no scans on {inbox.name}: {"; ".join(inbox.source.incompatibilities()) or publishers}'
 
     def _other_scan_topics(self) -> str:
         """Name other topics on which scans are published, and how to subscribe to the first; empty without any."""

@@ -42,10 +42,10 @@ class Disagreements:
             elif lidar.counters.compared and lidar.counters.compared.unfit:
                 text, remedy = UNFIT, ''
             else:
-                self._logged.discard(lidar.topic)
+                self._logged.discard(lidar.sensor_name)
                 continue
-            if lidar.topic not in self._logged:
-                self._logged.add(lidar.topic)
+            if lidar.sensor_name not in self._logged:
+                self._logged.add(lidar.sensor_name)
                 lidar.log.warn(f'{text}{remedy}')
             yield f'{lidar.label}{text}'
 

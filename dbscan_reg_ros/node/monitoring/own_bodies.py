@@ -18,7 +18,7 @@ class OwnBodies:
             sectors = [each.in_lidar(lidar.counters.mounting) for each in lidar.counters.body.sectors]
             if sectors:
                 text = described(sectors)
-                if len(sectors) > self._logged.get(lidar.topic, 0):
-                    self._logged[lidar.topic] = len(sectors)
+                if len(sectors) > self._logged.get(lidar.sensor_name, 0):
+                    self._logged[lidar.sensor_name] = len(sectors)
                     lidar.log.warn(f'{text}; {advice(lidar.name, bool(lidar.label), lidar.input.mask, sectors)}')
                 yield f'{lidar.label}{text}'

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One node with two lidars on one topic, each with a frame of its own."""
+import dataclasses
+import heapq
+import math
+import re
+
+import numpy as np
+import pytest
+import rclpy  # noqa: F401 - needs ROS
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from nav_msgs.msg import Odometry
+from ros_helpers import LATCHED, Loudspeaker, diagnosis, pose_of, said, transform
+from sensor_msgs.msg import LaserScan
+
+from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.scan import in_nanoseconds
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message
+from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
+
+MOUNTINGS = {'front': SE2(0.35, 0.25, math.radians(45.0)), 'rear': SE2(-0.35, -0.25, math.radians(-135.0))}
+ANOTHER = '/scan:rear: another lidar on this topic: each frame is a lidar of its own (front, rear)'
+MS = 1_000_000
+MERGED = {'front': '/scan', 'rear': '/scan'}
+SPLIT = {'front': '/front/scan', 'rear': '/rear/scan'}
+
+
+@pytest.fixture
+def tf_type():
+    return pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
+
+
+@pytest.fixture(scope='module')
+def drive():
+    """Scans of both lidars in the order of their stamps, and the path of the base."""
+    world = rooms(1)
+    path = follow(world.tour[:2], speed=1.0)
+    front, rear = (simulate(world, path, Lidar(361, math.radians(-135.0), math.radians(0.75), 0.05, 25.0, rate,
+                                               mounting=MOUNTINGS[frame], phase=phase, frame_id=frame), 1)
+                   for frame, rate, phase in (('front', 12.5, 0.0), ('rear', 15.0, 0.019)))
+    scans = list(heapq.merge(front.scans, rear.scans, key=lambda scan: scan.stamp))
+    return scans, lambda stamp: SE2.from_array(path.poses_at(np.array([1e-9 * (stamp - scans[0].stamp)]))[0])
+
+
+def transforms(tf_type, frames=MOUNTINGS):
+    return tf_type(transforms=[transform('base_link', frame, MOUNTINGS[frame]) for frame in frames])
+
+
+class Lidars:
+    """Publishes scans, each on the topic of its frame, and keeps the odometry of the node."""
+
+    def __init__(self, peer, topics):
+        self._peer = peer
+        publishers = {topic: Loudspeaker(peer, LaserScan, topic) for topic in dict.fromkeys(topics.values())}
+        self.publishers = {frame: publishers[topic] for frame, topic in topics.items()}
+        self.found = peer.subscribe(Odometry, '/odom')
+
+    def play(self, scans, waited_for='front'):
+        """Send the `scans`; after each of the lidar `waited_for`, its odometry has come before the next is sent."""
+        for scan in scans:
+            count = len(self.found)
+            self.publishers[scan.frame_id].tell(scan_to_message(scan))
+            if scan.frame_id == waited_for:
+                self._peer.until(lambda count=count: len(self.found) > count)
+
+    def poses(self):
+        """Stamp -> pose of the odometry so far."""
+        return {in_nanoseconds(message.header.stamp): pose_of(message) for message in self.found}
+
+
+def distances(poses, base_at):
+    """Distance [m] of each pose from the true motion of the base since the first."""
+    origin = base_at(min(poses))
+    errors = [(origin.inverse() @ base_at(stamp)).inverse() @ pose for stamp, pose in poses.items()]
+    return np.array([math.hypot(error.x, error.y) for error in errors])
+
+
+def test_the_odometry_equals_that_of_two_topics(start_command, peer, drive, tf_type):
+    """The first node has both lidars on one topic, the other one has a topic for each.
+
+    Until the periods of the lidars are known, a scan does not wait for those of the other topic, which come in any
+    order.
+    """
+    scans, base_at = drive
+    results = []
+    for topics, words in ((MERGED, []), (SPLIT, ['-p', 'scan_topics:=[front/scan, rear/scan]'])):
+        node = start_command('scan_matcher', '--ros-args', '-p', 'input.reorder:=1.0', '-p', 'input.queue_size:=50',
+                             *words)
+        said(node, 'ready: ', peer)
+        Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(transforms(tf_type))
+        lidars, statuses = Lidars(peer, topics), peer.listen(DiagnosticArray, '/diagnostics')
+        lidars.play(scans[:60])
+        names = ['/scan:front', '/scan:rear'] if topics is MERGED else ['/front/scan', '/rear/scan']
+        report = diagnosis(peer, statuses, lambda status: status.level == b'\0' and any(
+            value.key == 'scans received' and int(value.value) == 60 for value in status.values))
+        values = {value.key: value.value for value in report.values}
+        assert [int(values[f'{name}: scans received']) for name in names] == [
+            sum(scan.frame_id == frame for scan in scans[:60]) for frame in MOUNTINGS]
+        assert all(values[f'{name}: scans {what}'] == '0' for name in names for what in ('dropped', 'skipped'))
+        assert node.output().count(ANOTHER) == (topics is MERGED) and 'change from the frame' not in node.output()
+        results.append(lidars.poses())
+        node.stop()
+    merged, split = results
+    assert merged.keys() == split.keys() == {scan.stamp for scan in scans[:60] if scan.frame_id == 'front'}
+    for number, (stamp, pose) in enumerate(merged.items()):
+        error = split[stamp].inverse() @ pose
+        assert max(math.hypot(error.x, error.y), abs(error.theta)) < (0.01 if number < 8 else 1e-6)
+    assert distances(merged, base_at).max() < 0.03
+
+
+def test_a_lidar_that_begins_later_joins_without_a_jump(start_command, peer, drive, tf_type):
+    """Its transform comes even later; then the first lidar becomes silent."""
+    scans, base_at = drive
+    node = start_command('scan_matcher')
+    said(node, 'ready: /scan -> /odom', peer)
+    static = Loudspeaker(peer, tf_type, '/tf_static', LATCHED)
+    static.tell(transforms(tf_type, ['front']))
+    lidars = Lidars(peer, MERGED)
+    start, known, silent, end = (scans[0].stamp + 1000 * MS * k for k in (1, 2, 3, 4))
+    lidars.play(scan for scan in scans if scan.stamp < start and scan.frame_id == 'front')
+    lidars.play(scan for scan in scans if start <= scan.stamp < known)
+    said(node, ANOTHER, peer)
+    said(node, "/scan:rear: scan skipped: no transform from 'base_link' to 'rear'", peer)
+    static.tell(transforms(tf_type))
+    lidars.play(scan for scan in scans if known <= scan.stamp < silent)
+    lidars.play([scan for scan in scans if silent <= scan.stamp < silent + 200 * MS and scan.frame_id == 'rear'], None)
+    rears = [scan for scan in scans if silent + 200 * MS <= scan.stamp < end and scan.frame_id == 'rear']
+    lidars.play(rears, 'rear')
+    poses = lidars.poses()
+    assert list(poses) == sorted(poses) and max(np.diff(list(poses))) < 300 * MS
+    assert distances(poses, base_at).max() < 0.03
+    lidars.publishers['rear'].until(lambda: re.search(
+        r'no scans on /scan:front: .*; the odometry continues with the other lidars', node.output()),
+        scan_to_message(rears[-1]))
+    assert node.output().count('another lidar on this topic') == 1 and 'odometry reset' not in node.output()
+
+
+def test_frames_beyond_the_limit_and_empty_ones_are_those_of_the_first_lidar(start_command, peer, drive, tf_type):
+    scans, _ = drive
+    node = start_command('scan_matcher')
+    said(node, 'ready: ', peer)
+    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(
+        transforms=[transform('base_link', f'lidar_{k}', SE2(0.1 * k)) for k in range(10)]))
+    lidars = Lidars(peer, {f'lidar_{k}': '/scan' for k in range(10)} | {'': '/scan'})
+    fronts = [scan for scan in scans if scan.frame_id == 'front']
+    lidars.play([dataclasses.replace(fronts[0], frame_id='lidar_0')], 'lidar_0')
+    lidars.play([dataclasses.replace(scan, frame_id=f'lidar_{k}') for k, scan in enumerate(fronts[1:10], 1)], None)
+    said(node, '(lidar_0, lidar_1, lidar_2, lidar_3, lidar_4, lidar_5, lidar_6, lidar_7)', peer)
+    said(node, "/scan:lidar_0: the scans change from the frame 'lidar_0' to 'lidar_8'", peer)
+    lidars.play([dataclasses.replace(fronts[10], frame_id='')], None)
+    said(node, "no transform from 'base_link' to ''", peer)
+    assert node.output().count('another lidar on this topic') == 7
+
+
+def change(peer, *transitions):
+    """Make the transitions, each asked for once."""
+    client = peer.node.create_client(ChangeState, '/scan_matcher/change_state')
+    peer.until(client.service_is_ready)
+    peer.call(GetState, '/scan_matcher/get_state', GetState.Request())
+    for transition in transitions:
+        future = client.call_async(ChangeState.Request(transition=Transition(id=transition)))
+        peer.until(future.done)
+        assert future.result().success
+
+
+def test_both_lidars_are_used_after_a_deactivation(start_command, peer, drive, tf_type):
+    scans, _ = drive
+    node = start_command('scan_matcher_lifecycle')
+    change(peer, Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
+    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(transforms(tf_type))
+    lidars, statuses = Lidars(peer, MERGED), peer.listen(DiagnosticArray, '/diagnostics')
+    lidars.play(scans[:20])
+    change(peer, Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE)
+    said(node, 'ready: /scan:front, /scan:rear -> /odom', peer)
+    lidars.play(scans[20:40])
+    diagnosis(peer, statuses, lambda status: any(value.key == '/scan:rear: scans received' and int(value.value) == sum(
+        scan.frame_id == 'rear' for scan in scans[20:40]) for value in status.values))
+    assert node.output().count('another lidar on this topic') == 1
