@@ -134,8 +134,11 @@ def add_sensors(command):
 
 def add_lidars(command):
     """Add the options of ``bench lidars``."""
-    command.add_argument('--seeds', type=positive, default=1, metavar='N',
-                         help='drives of each kind with own body, cross-talk, one and three lidars (default: 1)')
+    command.add_argument('--only', nargs='+', choices=('wrong', 'wheels', 'body', 'number'),
+                         help='only these tables: a wrong second lidar, a wrong first one with wheels, own body and '
+                         'cross-talk, number of lidars')
+    command.add_argument('--seeds', type=positive, default=5, metavar='N',
+                         help='drives of each kind with own body, cross-talk, one and three lidars (default: 5)')
     add_processes(command)
 
 

@@ -12,7 +12,7 @@ import pytest
 from benchmarks import __main__ as bench
 from benchmarks.__main__ import main
 from benchmarks.bounds import Bound, at_least, at_most
-from benchmarks.lidars import several
+from benchmarks.lidars import several, wrong
 from benchmarks.odometry import courses, drift
 from benchmarks.odometry.course import Course
 from benchmarks.odometry.drift import drive
@@ -430,6 +430,29 @@ def test_own_body_and_cross_talk_change_the_scans_of_both_lidars_only_where_they
             assert np.array_equal(ranges[:, outside], others[:, outside])
         assert np.abs(own[:, inside] - 0.3).max() < 0.06 and np.isnan(left[:, inside]).all()
         assert 0.005 < np.mean(wild != ranges) < 0.015
+
+
+def test_the_named_table_of_lidars_compares_the_same_drives(monkeypatch):
+    monkeypatch.setattr(several, 'SECONDS', 8.0)
+    monkeypatch.setattr(several, 'KINDS', {'hall': several.KINDS['hall']})
+    report = wrong.measure(SimpleNamespace(only=['body'], seeds=2, limit=None, processes=1))
+    assert len(report.tables) == 1
+    row = report.metrics['dbscan']
+    for name in ('body', 'masked', 'talk'):
+        assert 0.0 < row[f'all_{name}_m'] < 0.01
+        assert row[f'all_ratio_{name}'] == pytest.approx(row[f'all_{name}_m'] / row['all_without_m'])
+        assert 0.0 < row[f'hall_ratio_{name}_error'] < 1.0
+
+
+def test_the_error_of_a_ratio_is_the_scatter_of_ratios_of_other_drives():
+    rng = np.random.default_rng(0)
+    others = rng.gamma(4.0, 1.0, (2000, 25))
+    values = 1.2 * others + rng.normal(0.0, 0.5, others.shape)
+    ratios, found = np.transpose([several.ratio_of_means(*pair) for pair in zip(values, others, strict=True)])
+    assert ratios.mean() == pytest.approx(1.2, abs=0.005)
+    assert found.mean() == pytest.approx(ratios.std(), rel=0.1)
+    assert several.ratio_of_means(2.0 * others[0], others[0]) == (2.0, 0.0)
+    assert math.isnan(several.ratio_of_means(values[0, :1], others[0, :1])[1])
 
 
 def test_three_lidars_drive_with_all_their_scans(monkeypatch):

@@ -4,6 +4,8 @@ import dataclasses
 import math
 import os
 import time
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,28 +33,34 @@ SECTOR = math.radians(100.0), math.radians(120.0)
 """Bearings between which a scanner sees the robot, 0.3 m away."""
 DISTURBED = {'body': {'body': ((*SECTOR, 0.3),)}, 'talk': {'outliers': 0.01}}
 """Case -> changed fields of the `Lidar`."""
-BOUNDS = {'ratio_body': at_most(1.1), 'ratio_talk': at_most(1.1)}, {'ratio_three': at_most(1.0),
-                                                                    'ratio_time': at_most(1.3)}
 
 
 def add_tables(report, args):
-    """Add a table of the disturbed scans and one of the number of lidars to a `Report`, with a row for all drives."""
+    """Add those of `TABLES` that `args` names to a `Report`, by default all, with a row for all drives."""
     from dbscan_reg_ros.commands.workers import workers
-    drives = [(kind, seed, args.limit) for kind in KINDS for seed in range(args.seeds)]
+    tables = [TABLES[name] for name in TABLES if not args.only or name in args.only]
+    if not tables:
+        return
+    cases = tuple(dict.fromkeys(case for table in tables for case in table.cases.values()))
+    drives = [(kind, seed, cases, args.limit) for kind in KINDS for seed in range(args.seeds)]
     with workers(args.processes or os.cpu_count()) as executor:
         found = list(executor.map(judged, *zip(*drives, strict=True)))
     kinds = {kind: [each for (name, *_), each in zip(drives, found, strict=True) if name == kind] for kind in KINDS}
-    for title, row, bounds in zip(('own body and cross-talk', 'number of lidars'), (_disturbed, _counted), BOUNDS,
-                                  strict=True):
-        report.add_courses(title, {name: row(each) for name, each in (*kinds.items(), ('all', found))}, OURS,
-                           {'all': bounds})
+    for table in tables:
+        report.add_courses(table.title, {name: table.row(each) for name, each in (*kinds.items(), ('all', found))},
+                           OURS, {'all': table.bounds})
 
 
-def judged(kind, seed, limit) -> dict:
+def judged(kind, seed, cases, limit) -> dict:
     """Return case -> (mean error over 5 m [m], processor time [s], scans of all lidars), for one drive."""
-    runs = {count: followed(seen_by(count, kind, seed, limit)) for count in (1, 2, 3)}
-    runs |= {case: followed(seen_by(2, kind, seed, limit, **changes)) for case, changes in DISTURBED.items()}
-    return runs | {'masked': followed(masked(seen_by(2, kind, seed, limit)))}
+    return {case: followed(_course(case, kind, seed, limit)) for case in cases}
+
+
+def _course(case, kind, seed, limit) -> Course:
+    """Return the drive of a case: a number of lidars, one of `DISTURBED`, or ``masked``."""
+    if case == 'masked':
+        return masked(seen_by(2, kind, seed, limit))
+    return seen_by(2, kind, seed, limit, **DISTURBED[case]) if case in DISTURBED else seen_by(case, kind, seed, limit)
 
 
 def seen_by(count, kind, seed, limit=None, **changes) -> Course:
@@ -88,11 +96,28 @@ def followed(course) -> tuple:
 
 
 def _disturbed(drives) -> dict:
-    """Return mean errors without a disturbance, with each of `DISTURBED`, and without the beams of the sector."""
-    errors = {name: _error(drives, case) for name, case in (
-        ('without', 2), ('body', 'body'), ('masked', 'masked'), ('talk', 'talk'))}
-    return {f'{name}_m': error for name, error in errors.items()} | {
-        f'ratio_{name}': errors[name] / errors['without'] for name in ('body', 'masked', 'talk')}
+    """Return mean errors without a disturbance, with each of `DISTURBED`, and without the beams of the sector.
+
+    ``ratio_CASE``: error by that without; ``ratio_CASE_error``: its standard error by the scatter of the drives.
+    """
+    errors = {name: np.array([drive[case][0] for drive in drives]) for name, case in TABLES['body'].cases.items()}
+    without = errors.pop('without')
+    row = {'without_m': float(without.mean())} | {f'{name}_m': float(values.mean()) for name, values in errors.items()}
+    for name, values in errors.items():
+        row[f'ratio_{name}'], row[f'ratio_{name}_error'] = ratio_of_means(values, without)
+    return row
+
+
+def ratio_of_means(values, others) -> tuple:
+    """Return the ratio of the means of pairs of numbers ``(N,)``, and its standard error; NaN for a single pair.
+
+    It is the ratio estimator of W. G. Cochran, "Sampling Techniques", Wiley 1977.
+    """
+    size, ratio = len(values), float(values.mean() / others.mean())
+    if size == 1:
+        return ratio, math.nan
+    left = values - ratio * others
+    return ratio, math.sqrt(float(left @ left) / (size * (size - 1))) / float(others.mean())
 
 
 def _counted(drives) -> dict:
@@ -101,8 +126,8 @@ def _counted(drives) -> dict:
     ``ratio_three``: error with three by that with two lidars; ``ratio_time``: time of a scan with three by that with
     one.
     """
-    names = {'one': 1, 'two': 2, 'three': 3}
-    errors = {name: _error(drives, count) for name, count in names.items()}
+    names = TABLES['number'].cases
+    errors = {name: float(np.mean([drive[count][0] for drive in drives])) for name, count in names.items()}
     times = {name: 1e3 * float(np.divide(*np.sum([drive[count][1:] for drive in drives], axis=0)))
              for name, count in names.items()}
     return {f'{name}_m': error for name, error in errors.items()} | {
@@ -110,6 +135,17 @@ def _counted(drives) -> dict:
         'ratio_three': errors['three'] / errors['two'], 'ratio_time': times['three'] / times['one']}
 
 
-def _error(drives, case) -> float:
-    """Return the mean of the errors of the `drives` in a case [m]."""
-    return float(np.mean([drive[case][0] for drive in drives]))
+class _Table(NamedTuple):
+    """A table: its title, name -> case of `judged`, what makes a row of the results of drives, and bounds."""
+
+    title: str
+    cases: dict
+    row: Callable
+    bounds: dict
+
+
+TABLES = {'body': _Table('own body and cross-talk',
+                         {'without': 2, 'body': 'body', 'masked': 'masked', 'talk': 'talk'}, _disturbed,
+                         {'ratio_body': at_most(1.1), 'ratio_talk': at_most(1.1)}),
+          'number': _Table('number of lidars', {'one': 1, 'two': 2, 'three': 3}, _counted,
+                           {'ratio_three': at_most(1.0), 'ratio_time': at_most(1.3)})}

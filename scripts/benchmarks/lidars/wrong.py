@@ -33,19 +33,30 @@ BOUNDS = {'mounting 5 cm, 3 deg': {'ratio': at_most(2.0), 'off_m': at_most(0.005
 
 
 def measure(args) -> Report:
-    """Each case over the courses of ``odometry --course scanners``, one seed of each world; then `add_tables`."""
-    courses = [course if args.limit is None else course.take(slice(args.limit)) for course in scanners(None)[::EVERY]]
+    """Return the tables that `args` names, by default all."""
+    report = Report()
+    if not args.only or 'wrong' in args.only:
+        _add_second_wrong(report, _courses(EVERY, args.limit))
+    if not args.only or 'wheels' in args.only:
+        wheels = first_wrong.measured(_courses(EVERY if args.limit else 1, args.limit))
+        report.add_courses('first wrong, with wheels', {f'{WHEELS} {case}': row for case, row in wheels.items()}, OURS,
+                           {f'{WHEELS} {case}': bounds for case, bounds in first_wrong.BOUNDS.items()})
+    add_tables(report, args)
+    return report
+
+
+def _courses(every, limit) -> list:
+    """Return every so-manieth course of ``odometry --course scanners``, of each the first `limit` scans."""
+    return [course.take(slice(limit)) for course in scanners(None)[::every]]
+
+
+def _add_second_wrong(report, courses):
+    """Add the table of a wrong second lidar: a row for each of the `CASES`."""
     rows = {}
     for case, error in CASES.items():
         rows[case] = _mean([_judged(course, error) for course in courses])
         rows[case]['ratio'] = rows[case]['rpe_5m_m'] / rows.get('both right', rows[case])['rpe_5m_m']
-    report = Report()
     report.add_courses('lidars', rows, OURS, BOUNDS)
-    wheels = first_wrong.measured(courses if args.limit else scanners(None))
-    report.add_courses('first wrong, with wheels', {f'{WHEELS} {case}': row for case, row in wheels.items()}, OURS,
-                       {f'{WHEELS} {case}': bounds for case, bounds in first_wrong.BOUNDS.items()})
-    add_tables(report, args)
-    return report
 
 
 def _judged(course, error) -> dict:
