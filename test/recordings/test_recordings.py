@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings of every format: what is read, what is skipped, what is refused."""
 import gzip
+import itertools
 import math
 import shutil
 import tracemalloc
@@ -189,7 +190,8 @@ def test_reading_a_log_takes_little_memory(data):
     recording = open_recording(data / 'intel' / 'intel.log.gz')
     tracemalloc.start()
     try:
-        for _ in recording.scans():
+        # As arrays these scans take four times as much as is allowed.
+        for _ in itertools.islice(recording.scans(), 1500):
             pass
         _, peak = tracemalloc.get_traced_memory()
     finally:
