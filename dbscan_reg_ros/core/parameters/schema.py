@@ -2,8 +2,9 @@
 """Description of a parameter (default, unit, bounds, choices and help), and checks of its values."""
 import contextlib
 import dataclasses
+import functools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeAlias, TypeVar
 
@@ -135,7 +136,7 @@ class ParameterTree:
     @classmethod
     def describe(cls) -> tuple[Description, ...]:
         """Return a `Description` of every parameter, in order."""
-        return tuple(_describe(name, field) for name, _, field in _parameter_fields(cls))
+        return _descriptions(cls)
 
     def descriptions(self) -> tuple[Description, ...]:
         """Return a `Description` of every parameter that `flatten` contains, in order."""
@@ -221,8 +222,15 @@ def _is_internal(field: 'dataclasses.Field[Any]') -> bool:
     return bool(field.metadata.get('internal'))
 
 
-def _parameter_fields(tree: type[ParameterTree]) -> 'Iterator[tuple[str, str, dataclasses.Field[Any]]]':
-    """Yield (full name, group or '', dataclass field) of every parameter of the class `tree`, in order."""
+@functools.cache
+def _descriptions(tree: type[ParameterTree]) -> tuple[Description, ...]:
+    return tuple(_describe(name, field) for name, _, field in _parameter_fields(tree))
+
+
+@functools.cache
+def _parameter_fields(tree: type[ParameterTree]) -> 'tuple[tuple[str, str, dataclasses.Field[Any]], ...]':
+    """Return (full name, group or '', dataclass field) of every parameter of the class `tree`, in order."""
+    found = []
     for field in dataclasses.fields(tree):
         if _is_internal(field):
             continue
@@ -230,9 +238,10 @@ def _parameter_fields(tree: type[ParameterTree]) -> 'Iterator[tuple[str, str, da
         if _is_group(field):
             for inner in dataclasses.fields(group):
                 level = '' if inner.name in group.BASIC else ADVANCED
-                yield f'{level}{field.name}.{inner.name}', field.name, inner
+                found.append((f'{level}{field.name}.{inner.name}', field.name, inner))
         else:
-            yield field.name, '', field
+            found.append((field.name, '', field))
+    return tuple(found)
 
 
 def _describe(name: str, field: 'dataclasses.Field[Any]') -> Description:

@@ -100,7 +100,8 @@ class LiveParameters:
             self.changed(self.value, {parameter.name for parameter in parameters})
 
     def _with(self, parameters: list[Parameter]) -> NodeParameters:
-        return self.value.replace({p.name: p.value for p in parameters if p.name in self._descriptions})
+        own = {p.name: p.value for p in parameters if p.name in self._descriptions}
+        return self.value.replace(own) if own else self.value
 
 
 def describe(description: Description) -> ParameterDescriptor:
