@@ -7,6 +7,7 @@ session, environment and output, begins where ``python -m dbscan_reg_ros`` begin
 import contextlib
 import ctypes
 import importlib
+import inspect
 import os
 import runpy
 import signal
@@ -139,6 +140,8 @@ def run(folder, words, log, environment):
 if __name__ == '__main__':
     for module in IMPORTED:
         importlib.import_module(module)
+    # rclpy looks for the module of each caller of its loggers: those imported until now are found once.
+    inspect.getmodule(inspect.currentframe())
     assert len(os.listdir('/proc/self/task')) == 1, 'a process with threads cannot be forked'
     request = serve(Connection(int(sys.argv[1])))
     if request:

@@ -136,7 +136,8 @@ class ParameterTree:
     @classmethod
     def describe(cls) -> tuple[Description, ...]:
         """Return a `Description` of every parameter, in order."""
-        return _descriptions(cls)
+        tree: Any = cls
+        return _descriptions(tree)
 
     def descriptions(self) -> tuple[Description, ...]:
         """Return a `Description` of every parameter that `flatten` contains, in order."""
@@ -144,8 +145,9 @@ class ParameterTree:
 
     def flatten(self) -> dict[str, Value]:
         """Map the full name of every parameter to its value."""
+        tree: Any = type(self)
         return {name: getattr(getattr(self, group) if group else self, field.name)
-                for name, group, field in _parameter_fields(type(self))}
+                for name, group, field in _parameter_fields(tree)}
 
     def replace(self: Tree, values: Mapping[str, object]) -> Tree:
         """Make a copy with `values` (full name -> value) changed, all or none.
@@ -159,7 +161,8 @@ class ParameterTree:
 
     def _changed_fields(self, values: Mapping[str, object]) -> dict[str, Any]:
         """Return the dataclass fields that are changed by `values`; errors are those of `replace`."""
-        known = {name: (group, field) for name, group, field in _parameter_fields(type(self))}
+        tree: Any = type(self)
+        known = {name: (group, field) for name, group, field in _parameter_fields(tree)}
         own: dict[str, Any] = {}
         groups: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
@@ -223,12 +226,12 @@ def _is_internal(field: 'dataclasses.Field[Any]') -> bool:
 
 
 @functools.cache
-def _descriptions(tree: type[ParameterTree]) -> tuple[Description, ...]:
+def _descriptions(tree: Any) -> tuple[Description, ...]:
     return tuple(_describe(name, field) for name, _, field in _parameter_fields(tree))
 
 
 @functools.cache
-def _parameter_fields(tree: type[ParameterTree]) -> 'tuple[tuple[str, str, dataclasses.Field[Any]], ...]':
+def _parameter_fields(tree: Any) -> 'tuple[tuple[str, str, dataclasses.Field[Any]], ...]':
     """Return (full name, group or '', dataclass field) of every parameter of the class `tree`, in order."""
     found = []
     for field in dataclasses.fields(tree):
