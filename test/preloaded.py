@@ -23,8 +23,9 @@ OWN = 'ROS_', 'PYTEST_'
 IMPORTED = ('dbscan_reg_ros.core.odometry.pipeline', 'dbscan_reg_ros.node.scan_matcher',
             'dbscan_reg_ros.recordings.scan_checks', 'dbscan_reg_ros.recordings.snapshots',
             'dbscan_reg_ros.robot.parameters', 'dbscan_reg_ros.robot.point_cloud', 'diagnostic_msgs.msg',
-            'geometry_msgs.msg', 'nav_msgs.msg', 'rcl_interfaces.msg', 'rcl_interfaces.srv', 'sensor_msgs.msg',
-            'std_srvs.srv', 'visualization_msgs.msg', 'yaml')
+            'geometry_msgs.msg', 'nav_msgs.msg', 'rcl_interfaces.msg', 'rcl_interfaces.srv', 'rosidl_generator_py',
+            'sensor_msgs.msg', 'std_msgs.msg', 'std_srvs.srv', 'type_description_interfaces.msg',
+            'visualization_msgs.msg', 'yaml')
 """What a node imports, but for rclpy, whose libraries start threads."""
 ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1', 'OMP_NUM_THREADS': '1'}
 """As a node sets them itself before it imports numpy."""

@@ -144,7 +144,7 @@ def test_the_mounting_may_be_a_parameter(bag, parameters, position):
 
 
 def test_commands_take_point_clouds(bag, tmp_path, capsys):
-    assert register([str(bag), '0', '5', '--topic', '/points', '--out', str(tmp_path)]) == 0
+    assert register([str(bag), '0', '5', '--topic', '/points', '--no-figures']) == 0
     assert 'status      ok' in capsys.readouterr().out
     competitor, lidars = Competitor.named('defaults'), Lidars(('/points',))
     trajectory = follow_one(bag, lidars, competitor, competitor.parameters)
