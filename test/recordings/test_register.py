@@ -71,16 +71,16 @@ def printed_motion(text, name='transform'):
 
 
 def ink(path):
-    from matplotlib.image import imread
-    return 1.0 - imread(path)[..., :3].mean(axis=2)
+    from PIL import Image
+    return 1.0 - np.asarray(Image.open(path).convert('L'), dtype=np.float32) / 255.0
 
 
 def check_pictures(folder):
     assert {file.name for file in folder.iterdir()} == PICTURES
-    for name in PICTURES:
-        shares = ink(folder / name)
+    drawn = {name: ink(folder / name) for name in PICTURES}
+    for name, shares in drawn.items():
         assert shares.shape[1] > 1000 and 0.005 < shares.mean() < 0.3, name
-    assert ink(folder / 'sheet.png').size > 4 * ink(folder / 'points.png').size
+    assert drawn['sheet.png'].size > 4 * drawn['points.png'].size
 
 
 def test_a_pair_of_a_recording_in_numbers_and_pictures(intel, pair, tmp_path, capsys):
