@@ -2,6 +2,7 @@
 """Node core: laser odometry on any rclpy node, plain or lifecycle."""
 import time
 from collections.abc import Collection
+from contextlib import suppress
 
 from geometry_msgs.msg import TransformStamped
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
@@ -164,9 +165,11 @@ class NodeCore:
         message, state = self._last
         self._odometry.reset()
         self._initial, self._origin = InitialPose(state.pose, state.covariance), None
-        scan, mounting = lidar.reader.read(message, lidar.mountings, lidar.input)
-        self._odometry.process(scan, None, lidar.sensor(mounting))
-        self._priors.processed(scan.stamp, Mounting())
+        # Without its transform, which may have gone, the next scan starts at that pose.
+        with suppress(DbscanRegError):
+            scan, mounting = lidar.reader.read(message, lidar.mountings, lidar.input)
+            self._odometry.process(scan, None, lidar.sensor(mounting))
+        self._priors.processed(state.stamp, Mounting())
 
     def _on_scan(self, lidar: Lidar, message: ScanMessage) -> None:
         if self._services.paused:
