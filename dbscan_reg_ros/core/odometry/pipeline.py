@@ -134,15 +134,15 @@ class Odometry:
         uses = self._uses(scan, sensor)
         sensor = self.comparisons.mounted(sensor)
         own = self._sensor_state(scan, sensor, uses)
-        timing = own.stamps.timing(scan, p)
+        timing = own.stamps.timing(scan, p, state.order.time_since_last(scan.stamp))
         # Features of the deskewed scan.
         twist = timing.ratio * self.comparisons.guessed(sensor).twist_of(state.motion.twist) if timing.deskews else None
         features = self._extract(scan, twist, sensor)
         repeats = self._repeated.add(sensor.name, scan, prior, p.odometry.coast_time)
-        interval = own.stamps.next(scan.stamp, timing.middle_offset(scan, features), p.time, timing.duration)
+        since_own = own.stamps.next(scan.stamp, timing.middle_offset(scan, features), p.time, timing.duration)
         if not uses or repeats or self._waits(scan, sensor):
             return report_waiting(state, features, sensor, repeats)
-        interval = self._since_last(scan, sensor, interval)
+        interval = self._since_last(scan, sensor, since_own)
         if state.window is None or interval.jump is Jump.BACKWARD:
             return update.start(state, features, interval.reason, sensor)
         # Predict by the external prior and by the motion model.
@@ -150,7 +150,7 @@ class Odometry:
             update.reset_velocity(state)
         state.motion.elapse(interval.length)
         predictions = predict(state, prior, interval, p)
-        if self._joins(predictions, sensor):
+        if self._joins(predictions, sensor, since_own):
             return update.join(state, features, predictions, sensor, p)
         gate = Gate(predictions, state.tracking, p, sensor)
         # Register to the local map, else to other references; the gate decides which result is believed.
@@ -209,10 +209,14 @@ class Odometry:
             state.sensors = {sensor.name: state.sensors[sensor.name]}
         return interval
 
-    def _joins(self, predictions: Predictions, sensor: Sensor) -> bool:
-        """Whether to add a sensor to the track: it has no key frame yet, and its pose is predicted well."""
+    def _joins(self, predictions: Predictions, sensor: Sensor, since_own: ScanInterval) -> bool:
+        """Whether to add a sensor to the track: it has no key frame or was silent, and its pose is predicted well.
+
+        After a silence of more than `time.max_jump`, its own key frames may be out of its sight.
+        """
         state = self._state
-        return (sensor.name not in state.key_frames.sensors and state.tracking.mode is Mode.TRACKING
+        returns = since_own.jump is not None and predictions.interval.jump is None
+        return ((returns or sensor.name not in state.key_frames.sensors) and state.tracking.mode is Mode.TRACKING
                 and predictions.best.prior.translation_sigma < self._parameters.odometry.dynamic_margin)
 
     def _extract(self, scan: Scan, twist: NDArray[np.float64] | None, sensor: Sensor,

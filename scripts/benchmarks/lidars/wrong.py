@@ -16,7 +16,7 @@ from ..bounds import at_most
 from ..odometry.courses import scanners
 from ..odometry.drift import OURS, SeveralLidars, follow
 from ..report import Report
-from . import first_wrong
+from . import first_wrong, silent
 from .several import add_tables
 
 LATE = 0.06
@@ -42,6 +42,8 @@ def measure(args) -> Report:
         report.add_courses('first wrong, with wheels', {f'{WHEELS} {case}': row for case, row in wheels.items()}, OURS,
                            {f'{WHEELS} {case}': bounds for case, bounds in first_wrong.BOUNDS.items()})
     add_tables(report, args)
+    if not args.only or 'silent' in args.only:
+        silent.add_table(report, args)
     return report
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """``calibrate``: mounting and time offset of the second lidar of a simulated recording."""
 import dataclasses
+import itertools
 import json
 import math
 import re
@@ -19,7 +20,7 @@ from dbscan_reg_ros.core.odometry.calibration.comparisons import LidarComparison
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.odometry.sensor import Sensor
 from dbscan_reg_ros.core.scan import SECOND
-from dbscan_reg_ros.simulation import Lidar, Path, World, hall, simulate
+from dbscan_reg_ros.simulation import Lidar, Path, World, corridor, follow, hall, simulate
 
 pytestmark = needs_rosbags
 
@@ -34,11 +35,11 @@ TWO = ('/front', FRONT, 12.5, 0.0), ('/rear', REAR, 15.0, 0.019)
 LEFT = SE2(-0.35, 0.25, math.radians(135.0))
 
 
-def scans_of(world, path, lidars=TWO):
-    """The scans of these lidars: topic -> scans."""
+def scans_of(world, path, lidars=TWO, duration=0.0):
+    """The scans of these lidars, each of a `duration` [s]: topic -> scans."""
     return {topic: simulate(world, path, Lidar(
                 361, math.radians(-135.0), math.radians(0.75), 0.05, 20.0, rate, noise=0.01, mounting=at, phase=phase,
-                frame_id=topic.strip('/')), seed).scans
+                frame_id=topic.strip('/'), duration=duration), seed).scans
             for seed, (topic, at, rate, phase) in enumerate(lidars)}
 
 
@@ -164,6 +165,24 @@ def test_either_lidar_may_be_silent_for_ten_seconds(drive, path, dead):
     assert max(error for _, error in updates) < 0.02
     assert max(np.diff([update.stamp for update, _ in updates])) < 200_000_000
     assert {update.sensor.name for update, _ in updates[-5:]} == {'front', 'rear'}
+
+
+@pytest.mark.parametrize('dead', ['/front', '/rear'])
+@pytest.mark.parametrize('seed', [0, 1])
+def test_a_lidar_that_is_back_does_not_move_the_pose(dead, seed):
+    """It was silent for 6 s, in which the base drove 6 m along a corridor; its first scan has to be deskewed, too."""
+    world = corridor(seed=seed)
+    path = follow(world.tour, speed=1.0).until(10.0)
+    scans = scans_of(world, path, duration=0.05)
+    begin = scans['/front'][0].stamp
+    left = [scan for scan in scans[dead] if not 2.0 < 1e-9 * (scan.stamp - begin) < 8.0]
+    updates = list(driven(scans | {dead: left}, path, REAR, 0, 1))
+    back = next(k for k, (update, _) in enumerate(updates) if update.sensor.name == dead.strip('/')
+                and 1e-9 * (update.stamp - begin) > 7.0)
+    for (before, _), (after, _) in itertools.pairwise(updates[back - 1:back + 10]):
+        elapsed = 1e-9 * (after.stamp - before.stamp)
+        motion = before.pose.inverse() @ after.pose
+        assert math.hypot(motion.x, motion.y) == pytest.approx(elapsed, abs=0.015)
 
 
 def test_what_a_straight_corridor_does_not_determine_is_not_observable(tmp_path, capsys):

@@ -97,11 +97,16 @@ class StampFilter:
         self.duration = 0.0
         self._recent: deque[float] = deque(maxlen=_MEDIAN_SIZE)
 
-    def timing(self, scan: Scan, parameters: Parameters) -> ScanTiming:
-        """Return how long a `scan` takes, and store its duration as `duration`."""
+    def timing(self, scan: Scan, parameters: Parameters, since_last: float) -> ScanTiming:
+        """Return how long a `scan` takes, and store its duration as `duration`.
+
+        The velocity that deskews it is known after a jump of the own stamps, too, if the time `since_last` [s] from the
+        last scan of any sensor is at most `time.max_jump`.
+        """
         duration = scan.duration if parameters.odometry.deskew else 0.0
         self.duration = duration if duration < parameters.time.max_jump else 0.0
-        deskews = bool(self.duration) and not self.jumps(scan.stamp, parameters.time)
+        outdated = self.jumps(scan.stamp, parameters.time) and abs(since_last) > parameters.time.max_jump
+        deskews = bool(self.duration) and not outdated
         return ScanTiming(self.duration, self.ratio(self.duration), deskews)
 
     def next(self, stamp: int, middle_offset: float, parameters: TimeParameters,

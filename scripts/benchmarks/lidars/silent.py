@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two lidars, one of them silent for ten seconds: gaps and steps of the odometry, and the accuracy of its twists."""
+import math
+import os
+
+import numpy as np
+
+from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
+from dbscan_reg_ros.core.odometry.sensor import FIRST
+from dbscan_reg_ros.simulation import follow
+
+from ..bounds import at_most
+from ..odometry.courses import FRONT
+from ..odometry.drift import OURS
+from .several import KINDS, SECONDS, seen_by
+
+BEGIN, END = 8.0, 18.0
+"""Time [s] from which and until which a lidar is silent."""
+AFTER = 1.0
+"""Time [s] after each change in which steps of the poses count."""
+CASES = {'front silent': 0, 'rear silent': 1}
+"""Case -> rank of the silent lidar."""
+BOUNDS = {'gap_s': at_most(0.2), 'step_m': at_most(0.02), 'step_deg': at_most(0.3), 'ratio_twist': at_most(1.5)}
+
+
+def add_table(report, args):
+    """Add a table with a row for each case to a `Report`: the worst of all drives."""
+    from dbscan_reg_ros.commands.workers import workers
+    drives = [(kind, seed, rank, args.limit) for rank in CASES.values() for kind in KINDS for seed in range(args.seeds)]
+    with workers(args.processes or os.cpu_count()) as executor:
+        found = list(executor.map(judged, *zip(*drives, strict=True)))
+    rows = {case: {name: max(each[name] for drive, each in zip(drives, found, strict=True) if drive[2] == rank)
+                   for name in BOUNDS} for case, rank in CASES.items()}
+    report.add_courses('one of two silent for 10 s', rows, OURS, dict.fromkeys(CASES, BOUNDS))
+
+
+def judged(kind, seed, rank, limit) -> dict:
+    """Return the figures of one drive in which the lidar of this `rank` is silent.
+
+    ``gap_s``: longest time between two poses. ``step_m``, ``step_deg``: largest error of the motion between two poses
+    in the time `AFTER` the lidar becomes silent and is back.
+    ``ratio_twist``: largest ratio of the standard deviations of the twist, on average while the lidar is silent, to
+    those with the other lidar alone.
+    """
+    course = seen_by(2, kind, seed, limit)
+    lidars = [(FIRST, course.scans), *course.others]
+    begin = course.scans[0].stamp
+
+    def is_silent(scan):
+        return BEGIN < 1e-9 * (scan.stamp - begin) < END
+
+    heard = [(sensor, [scan for scan in scans if sensor.rank != rank or not is_silent(scan)])
+             for sensor, scans in lidars]
+    updates = _updates(heard)
+    poses = follow(KINDS[kind](seed=seed).tour).until(SECONDS).poses_at(
+        1e-9 * np.array([update.stamp - begin for update in updates]))
+    true = [SE2.from_array(pose) @ FRONT for pose in poses]
+    found = [update.pose for update in updates]
+    steps = [_motion(true, k).inverse() @ _motion(found, k) for k, update in enumerate(updates) if any(
+        0.0 <= 1e-9 * (update.stamp - begin) - change < AFTER for change in (BEGIN, END))]
+    alone = _updates(lidars[1 - rank:2 - rank])
+    twists = [np.mean([np.sqrt(update.twist_covariance.diagonal()) for update in each if is_silent(update)], axis=0)
+              for each in (updates, alone)]
+    return {'gap_s': 1e-9 * float(np.diff([update.stamp for update in updates]).max()),
+            'step_m': max(math.hypot(step.x, step.y) for step in steps),
+            'step_deg': math.degrees(max(abs(step.theta) for step in steps)),
+            'ratio_twist': float((twists[0] / twists[1]).max())}
+
+
+def _motion(poses, k) -> SE2:
+    return poses[k - 1].inverse() @ poses[k]
+
+
+def _updates(lidars) -> list:
+    """Return the updates of the scans of `lidars`, in the order of their stamps, without those that are not used."""
+    odometry = Odometry()
+    scans = sorted(((scan, sensor) for sensor, each in lidars for scan in each), key=lambda pair: pair[0].stamp)
+    return [update for update in (odometry.process(scan, None, sensor) for scan, sensor in scans) if not update.waits]
