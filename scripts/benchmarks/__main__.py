@@ -18,7 +18,7 @@ BENCHMARKS = {
     'speed': 'features of one scan plus registration, ours and GICP in turns',
     'backends': 'processor time of the compiled steps and of the reference, in turns',
     'odometry': 'drift of the odometry on recordings and in simulated worlds',
-    'node': 'the running node: latency, load of a core, memory, time to start',
+    'node': 'the running node: latency, load of a core, memory, time to start; two lidars beside one',
     'soak': 'hours of driving: memory, time, containers, equal bits in every run and in the node',
     'silent': 'scans that are called OK and are wrong',
     'covariance': 'whether the covariances agree with the errors, in simulated worlds',

@@ -2,7 +2,7 @@
 """What the benchmarks soak, silent and node measure: a long drive, equal bits, wrong answers, a running node."""
 import numpy as np
 import pytest
-from benchmarks.node import running_node, soak
+from benchmarks.node import running_node, soak, two_lidars
 from benchmarks.odometry import silent
 from benchmarks.odometry.courses import Course
 from benchmarks.odometry.drift import Drive
@@ -100,3 +100,14 @@ def test_the_bench_of_the_node_measures_a_running_node():
     assert 0.0 < figures['ms_p50'] <= figures['ms_p99'] < 2000.0
     assert 0.0 < figures['core'] < 4.0
     assert abs(figures['growth_mb']) < 100.0
+
+
+def test_the_bench_of_the_node_compares_two_lidars_with_one():
+    pytest.importorskip('rclpy', reason='needs ROS 2 (rclpy)')
+    figures = two_lidars.compare(seconds=7.0, rounds=1)
+    assert set(figures) == set(two_lidars.BOUNDS) and all(set(two_lidars.BOUNDS[name]) <= set(row)
+                                                          for name, row in figures.items())
+    # The second lidar is used after ten comparisons.
+    assert 0.3 < figures['pair_all']['used'] < 1.0
+    assert all(0.5 < figures[name]['ratio_core'] < 3.0 for name in two_lidars.STREAMS)
+    assert all(0.0 < row['ms_p50'] <= row['ms_p99'] < 2000.0 and row['lost_count'] < 100 for row in figures.values())

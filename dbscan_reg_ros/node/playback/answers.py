@@ -21,8 +21,8 @@ class Answers:
         Odometry message for each scan; None if none was received.
     delays : list of float
         Time [s] from publishing each scan to receiving its odometry; nan if none was received.
-    unexpected : int
-        Number of odometry messages whose stamp does not match a scan that still lacks its odometry.
+    unexpected_stamps : list of int
+        Stamps [ns] of odometry messages that do not match a scan that still lacks its odometry.
     passed : Counter
         Topic -> number of messages published on this topic; scans are not counted.
     damaged : Counter
@@ -32,7 +32,7 @@ class Answers:
     stamps: list[int] = field(default_factory=list)
     messages: list[Odometry | None] = field(default_factory=list)
     delays: list[float] = field(default_factory=list)
-    unexpected: int = 0
+    unexpected_stamps: list[int] = field(default_factory=list)
     passed: Counter[str] = field(default_factory=Counter)
     damaged: Counter[str] = field(default_factory=Counter)
 
@@ -40,6 +40,11 @@ class Answers:
     def lost(self) -> int:
         """Number of scans that were published and have no odometry."""
         return sum(message is None for message in self.messages)
+
+    @property
+    def unexpected(self) -> int:
+        """Number of odometry messages that do not match a scan that still lacks its odometry."""
+        return len(self.unexpected_stamps)
 
     def poses(self) -> NDArray[np.float64]:
         """Return the pose ``(N, 3)`` at each scan: x [m], y [m], yaw [rad]; nan if the scan has no odometry."""

@@ -281,7 +281,7 @@ class Player:
         stamp = in_nanoseconds(message.header.stamp)
         answers = self.answers
         if not any(answers.stamps[index] == stamp for index in self._waiting):
-            answers.unexpected += 1
+            answers.unexpected_stamps.append(stamp)
             return
         while answers.stamps[index := self._waiting.popleft()] != stamp:
             pass

@@ -33,13 +33,19 @@ BOUNDS = {
 }
 
 
+ALONE = '-p', 'mounting:=none'
+"""Arguments of the node for one lidar in the middle of the base."""
+
+
 def measure(args):
     """Return a `Report`; ``--limit N`` makes each stream N scans long."""
+    from .two_lidars import add_two_lidars
     report = Report()
     report.add('start', {'dbscan': start_up()}, BOUNDS['start'], prefix='start_')
     for name, stream in STREAMS.items():
         count = args.limit or round(stream['seconds'] * stream['rate'])
         report.add(name, {'dbscan': run(**stream, count=count)}, BOUNDS[name], prefix=f'{name}_')
+    add_two_lidars(report, args.limit)
     return report
 
 
@@ -67,18 +73,27 @@ def _start_up():
 
 def run(beams, fov, rate, count, seconds=None) -> dict:
     """Return what a stream of `count` scans costs."""
-    from dbscan_reg_ros.node.playback.player import Player
-    scans = make_scans(beams, fov, rate, count)
-    with graph() as folder, running_node(folder) as node, Player() as player:
-        player.wait_for_node(PATIENCE)
-        usage = _Usage(node.pid, SETTLED * rate)
-        answers = player.play(usage.watched(scans, WARM_UP * rate), rate=1.0)
-        spent, memory = usage.result()
+    answers, spent, memory = play(make_scans(beams, fov, rate, count), rate)
     delays = 1e3 * np.array(answers.delays[int(min(WARM_UP * rate, count // 2)):])
     known = delays[np.isfinite(delays)]
     return {'lost_count': answers.lost, 'ms_p50': float(np.median(known)) if len(known) else float('nan'),
             'ms_p99': float(np.quantile(known, 0.99)) if len(known) else float('nan'), 'core': spent,
             'growth_mb': memory}
+
+
+def play(items, rate, words=ALONE, topic='scan', channels=(), warm_up=WARM_UP):
+    """Play scans at `rate` [Hz] to a node that is started with the arguments `words`.
+
+    `items` has the scans of `topic` and the messages of the `channels`. Return the `Answers`, the load of a core after
+    `warm_up` [s], and the growth of the memory [MB].
+    """
+    from dbscan_reg_ros.node.playback.player import Player
+    with graph() as folder, running_node(folder, words=words) as node, Player(topic=topic) as player:
+        player.announce(channels)
+        player.wait_for_node(PATIENCE)
+        usage = _Usage(node.pid, SETTLED * rate)
+        answers = player.play(usage.watched(items, warm_up * rate), rate=1.0)
+        return answers, *usage.result()
 
 
 class _Usage:
@@ -128,17 +143,16 @@ def graph():
         yield Path(folder)
 
 
-def running_node(folder, variables=None):
-    """Return a `Process` that runs scan_matcher with the laser as the base; its logs go to `folder`.
+def running_node(folder, variables=None, words=ALONE):
+    """Return a `Process` that runs scan_matcher, by default with the laser as the base; its logs go to `folder`.
 
-    `variables` are added to its environment.
+    `variables` are added to its environment, `words` are its ROS arguments.
     """
     from dbscan_reg_ros.commands.processes import Process, package_command
     root = os.fspath(Path(__file__).resolve().parents[3])
     environment = (variables or {}) | {'ROS_LOG_DIR': os.fspath(folder),
                    'PYTHONPATH': os.pathsep.join(filter(None, [root, os.environ.get('PYTHONPATH')]))}
-    return Process(package_command('scan_matcher', '--ros-args', '-p', 'mounting:=none'), folder / 'node.log',
-                   environment)
+    return Process(package_command('scan_matcher', '--ros-args', *words), folder / 'node.log', environment)
 
 
 def cpu_seconds(pid):
