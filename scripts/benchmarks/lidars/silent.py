@@ -41,8 +41,8 @@ def judged(kind, seed, rank, limit) -> dict:
     """Return the figures of one drive in which the lidar of this `rank` is silent.
 
     ``gap_s``: longest time between two poses. ``step_m``, ``step_deg``: largest error of the motion between two poses
-    in the time `AFTER` the lidar becomes silent and is back, except where the base begins or ends a turn: this
-    simulated base does so at once, and steps of up to 0.9 deg are there with both lidars, too.
+    in the time `AFTER` the lidar becomes silent and is back, except at changes of the turn rate: this simulated base
+    begins and ends rotations at once, and steps of up to 0.9 deg are there with both lidars, too.
     ``ratio_twist``: largest ratio of the standard deviations of the twist, on average while the lidar is silent, to
     those with the other lidar alone.
     """
