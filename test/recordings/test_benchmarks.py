@@ -12,7 +12,7 @@ import pytest
 from benchmarks import __main__ as bench
 from benchmarks.__main__ import main
 from benchmarks.bounds import Bound, at_least, at_most
-from benchmarks.lidars import several, wrong
+from benchmarks.lidars import several, silent, wrong
 from benchmarks.odometry import courses, drift
 from benchmarks.odometry.course import Course
 from benchmarks.odometry.drift import drive
@@ -442,6 +442,13 @@ def test_the_named_table_of_lidars_compares_the_same_drives(monkeypatch):
         assert 0.0 < row[f'all_{name}_m'] < 0.01
         assert row[f'all_ratio_{name}'] == pytest.approx(row[f'all_{name}_m'] / row['all_without_m'])
         assert 0.0 < row[f'hall_ratio_{name}_error'] < 1.0
+
+
+@pytest.mark.parametrize('rank', silent.CASES.values(), ids=silent.CASES)
+def test_the_other_lidar_goes_on_while_one_is_silent(rank):
+    figures = silent.judged('hall', 0, rank, 80)
+    assert figures.keys() == silent.BOUNDS.keys() and all(figures.values())
+    assert all(bound.holds(figures[name]) for name, bound in silent.BOUNDS.items())
 
 
 def test_the_error_of_a_ratio_is_the_scatter_of_ratios_of_other_drives():
