@@ -257,6 +257,11 @@ def hall_recording(tmp_path_factory):
     return target
 
 
+@pytest.fixture
+def tf_type():
+    return pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
+
+
 @pytest.fixture(scope='session')
 def drive():
     """Eight seconds through a room's door and along its furniture, at 10 Hz."""

@@ -30,11 +30,6 @@ from dbscan_reg_ros.core.scan import in_nanoseconds
 SECOND = 1_000_000_000
 
 
-@pytest.fixture
-def tf_type():
-    return pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
-
-
 def test_mounting_is_read_from_transforms_by_default_and_the_choices_are_named(start_command, player, peer, scans,
                                                                                tf_type):
     node = start_command('scan_matcher')

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One node with two lidars on one topic, each with a frame of its own."""
 import dataclasses
-import heapq
 import math
 import re
 
@@ -14,34 +13,22 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Odometry
 from ros_helpers import LATCHED, Loudspeaker, diagnosis, pose_of, said, transform
 from sensor_msgs.msg import LaserScan
+from two_lidars import FRONT, REAR, drive_of_two_lidars
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.interfaces.messages import scan_to_message
-from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
-MOUNTINGS = {'front': SE2(0.35, 0.25, math.radians(45.0)), 'rear': SE2(-0.35, -0.25, math.radians(-135.0))}
+MOUNTINGS = {'front': FRONT, 'rear': REAR}
 ANOTHER = '/scan:rear: another lidar on this topic: each frame is a lidar of its own (front, rear)'
 MS = 1_000_000
 MERGED = {'front': '/scan', 'rear': '/scan'}
 SPLIT = {'front': '/front/scan', 'rear': '/rear/scan'}
 
 
-@pytest.fixture
-def tf_type():
-    return pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
-
-
 @pytest.fixture(scope='module')
 def drive():
-    """Scans of both lidars in the order of their stamps, and the path of the base."""
-    world = rooms(1)
-    path = follow(world.tour[:2], speed=1.0)
-    front, rear = (simulate(world, path, Lidar(361, math.radians(-135.0), math.radians(0.75), 0.05, 25.0, rate,
-                                               mounting=MOUNTINGS[frame], phase=phase, frame_id=frame), 1)
-                   for frame, rate, phase in (('front', 12.5, 0.0), ('rear', 15.0, 0.019)))
-    scans = list(heapq.merge(front.scans, rear.scans, key=lambda scan: scan.stamp))
-    return scans, lambda stamp: SE2.from_array(path.poses_at(np.array([1e-9 * (stamp - scans[0].stamp)]))[0])
+    return drive_of_two_lidars()
 
 
 def transforms(tf_type, frames=MOUNTINGS):

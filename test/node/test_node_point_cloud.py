@@ -4,7 +4,6 @@ import array
 import math
 
 import numpy as np
-import pytest
 import rclpy  # noqa: F401 - needs ROS
 from nav_msgs.msg import Odometry
 from ros_helpers import LATCHED, Loudspeaker, Peer, distances, said, transform
@@ -18,11 +17,6 @@ PITCH, HEIGHT = math.radians(30.0), 0.8
 KIND = np.dtype([('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4'), ('t', '<u4')])
 HEIGHTS = 0.0, 0.3, 0.9, 1.4, 2.4
 """Heights of the returns above the floor [m]: all around at those of the floor and of the ceiling, else on walls."""
-
-
-@pytest.fixture
-def tf_type():
-    return pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
 
 
 def cloud_of(scan, tilted=True):

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One node with two lidars, on topics of their own."""
 import dataclasses
-import heapq
 import math
 import re
 from collections import deque
@@ -14,6 +13,7 @@ from nav_msgs.msg import Odometry
 from ros_helpers import LATCHED, Loudspeaker, Parameters, changed, diagnosis, pose_of, said, transform
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
+from two_lidars import FRONT, REAR, drive_of_two_lidars
 
 from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
@@ -27,29 +27,14 @@ from dbscan_reg_ros.node.monitoring.disagreements import Disagreements
 from dbscan_reg_ros.node.monitoring.own_bodies import OwnBodies
 from dbscan_reg_ros.recordings.snapshots import read_snapshot
 from dbscan_reg_ros.robot.own_body import BodySector
-from dbscan_reg_ros.simulation import Lidar as SimulatedLidar
-from dbscan_reg_ros.simulation import follow, rooms, simulate
 
-FRONT, REAR = SE2(0.35, 0.25, math.radians(45.0)), SE2(-0.35, -0.25, math.radians(-135.0))
 HOUR = 3600 * 10 ** 9
 MS = 1_000_000
 
 
-@pytest.fixture
-def tf_type():
-    return pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
-
-
 @pytest.fixture(scope='module')
 def drive():
-    """Scans of both lidars in the order of their stamps, and the path of the base."""
-    world = rooms(1)
-    path = follow(world.tour[:2], speed=1.0)
-    front, rear = (simulate(world, path, SimulatedLidar(361, math.radians(-135.0), math.radians(0.75), 0.05, 25.0, rate,
-                                                        mounting=at, phase=phase, frame_id=name), 1)
-                   for name, at, rate, phase in (('front', FRONT, 12.5, 0.0), ('rear', REAR, 15.0, 0.019)))
-    scans = list(heapq.merge(front.scans, rear.scans, key=lambda scan: scan.stamp))
-    return scans, lambda stamp: SE2.from_array(path.poses_at(np.array([1e-9 * (stamp - scans[0].stamp)]))[0])
+    return drive_of_two_lidars()
 
 
 def test_odometry_is_due_for_the_first_lidar_that_publishes():
