@@ -166,17 +166,15 @@ def note_unused(command, path, parameters, used):
 
 
 def note_warnings(command, recording, most=None):
-    """Print assumptions made to read a recording, and warnings about its scans (only the first `most`, if given)."""
-    for line in [*recording.notes, *recording.look_through(most).lines()]:
+    """Print assumptions and damaged parts of a recording, and warnings about its scans (the first `most`, if given)."""
+    warnings = recording.look_through(most).lines()
+    for line in [*recording.notes, *shortened(recording.problems), *warnings]:
         print(f'{command}: {recording.path}: {line}', file=sys.stderr)
 
 
-def open_all(command, paths, lidars, parameters, most=None) -> list:
-    """Open the recordings at `paths`, each with the first of its `lidars`; print warnings about (`most`) scans."""
-    recordings = [lidars.of_recording(path, parameters).open(path, parameters) for path in paths]
-    for recording in recordings:
-        note_warnings(command, recording, most)
-    return recordings
+def open_all(paths, lidars, parameters) -> list:
+    """Open the recordings at `paths`, each with the first of its `lidars`."""
+    return [lidars.of_recording(path, parameters).open(path, parameters) for path in paths]
 
 
 def add_data(parser):

@@ -17,6 +17,7 @@ from .command_line import (
     add_workers,
     make_parser,
     note_unused,
+    note_warnings,
     open_all,
     run,
     seed,
@@ -91,12 +92,14 @@ def compare(args):
         raise CommandError(f'--truth {args.truth}: expected a single recording; for several, put a '
                            'file truth.tum beside each')
     lidars = Lidars(tuple(args.topic or ()), parse_mountings(args.mounting))
-    recordings = open_all('compare', paths, lidars, first_parameters(competitors))
+    recordings = open_all(paths, lidars, first_parameters(competitors))
     note_missing(competitors, [recording.name for recording in recordings])
     if args.truth:
         known = [KnownMotion(read_truth(args.truth, recordings[0]), None, None)]
     else:
         known = [known_motion(recording) for recording in recordings]
+    for recording in recordings:
+        note_warnings('compare', recording)
     if args.scheduler:
         paths = [path.absolute() for path in paths]
     with workers(min(args.processes or processors(), len(competitors) * len(paths)), args.scheduler) as executor:

@@ -19,6 +19,7 @@ from .command_line import (
     add_workers,
     make_parser,
     note_unused,
+    note_warnings,
     open_all,
     positive,
     run,
@@ -147,7 +148,9 @@ def _recordings(args, lidars, start):
                        for files in (args.files, args.held_out))
     if both := set(paths) & set(held_out):
         raise CommandError(f'{next(iter(both))}: is used in the search, so it cannot be held out')
-    recordings = open_all('tune', (*paths, *held_out), lidars, start, args.scans)
+    recordings = open_all((*paths, *held_out), lidars, start)
+    for recording in recordings:
+        note_warnings('tune', recording, args.scans)
     for recording in recordings:
         lidars_of(recording, lidars.of_recording(recording.path, start), start)
     return recordings[:len(paths)], recordings[len(paths):]

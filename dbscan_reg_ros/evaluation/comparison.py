@@ -144,8 +144,9 @@ def known_motion(recording) -> KnownMotion:
     """Return the `KnownMotion` of a recording; raise RecordingError if it has neither truth nor relations."""
     known = KnownMotion.of(recording)
     if not (known.truth or known.relations):
+        problem = f'; {recording.problems[-1]}' if recording.problems else ''
         raise RecordingError(f'{recording.path}: its true motion is unknown; expected poses, relations or '
-                             'reference.csv')
+                             f'reference.csv{problem}')
     return known
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.errors import RecordingError
 from ..recordings import read_tum
-from ..recordings.poses import compose
+from ..recordings.poses import compose, repeated_stamps
 from .matching import Matched, match
 
 
@@ -72,4 +72,6 @@ class GivenTrajectory:
             return Matched(np.full((len(stamps), 3), np.nan), f'no such trajectory: {self.file(recording)}')
         own, poses = read_tum(self.file(recording))
         mounted = compose(poses, np.broadcast_to(self.mounting, poses.shape))
-        return match(own, mounted, np.asarray(stamps, dtype=np.int64))
+        matched = match(own, mounted, np.asarray(stamps, dtype=np.int64))
+        repeated = repeated_stamps(own, poses)
+        return matched._replace(explanation=f'{matched.explanation}; {repeated}') if repeated else matched

@@ -55,7 +55,7 @@ class Played(NamedTuple):
     channel: Channel | None = None
 
 
-def inputs_of(kinds, wheels) -> dict:
+def inputs_of(kinds, wheels, scans='/scan') -> dict:
     """Return topic of a recording -> input topic of the node that accepts its messages.
 
     Parameters
@@ -64,10 +64,27 @@ def inputs_of(kinds, wheels) -> dict:
         Topic -> message type.
     wheels : str or None
         The topic of the wheel odometry in the recording.
+    scans : str
+        The topic of the scans.
     """
-    found = {wheels: 'wheel_odom', _imu(kinds): 'imu'}
-    found |= {topic_of_transforms(kinds, name): name for name in ('/tf', '/tf_static')}
+    found = {wheels: 'wheel_odom', _imu({topic: kinds[topic] for topic in of_robot(kinds, kinds, scans)}): 'imu'}
+    found |= {topic_of_transforms(kinds, name, scans): name for name in ('/tf', '/tf_static')}
     return {topic: name for topic, name in found.items() if topic}
+
+
+def of_robot(topics, kinds, scans) -> list:
+    """Return the `topics` without those of another robot than that of the `scans`.
+
+    A topic is one of another robot if it shares its namespace with scans of the same type, but not with these scans.
+    `kinds` has the message type of each topic.
+    """
+    others = {_robot(topic) for topic, kind in kinds.items() if kind == kinds.get(scans)} - {'', _robot(scans)}
+    return [topic for topic in topics if _robot(topic) not in others]
+
+
+def _robot(topic):
+    """Return the outermost namespace of a topic; empty if it has none."""
+    return topic.strip('/').rpartition('/')[0].partition('/')[0]
 
 
 def _imu(kinds):
@@ -76,14 +93,16 @@ def _imu(kinds):
     return only(imus) or next((topic for topic in USUAL_IMU if topic in imus), None)
 
 
-def topic_of_transforms(kinds, name):
-    """Return the topic of transforms called `name`, else the only one whose name ends with `name`, or None.
+def topic_of_transforms(kinds, name, scans):
+    """Return the topic of transforms called `name` for the robot with these `scans`; None if there is none.
 
-    `kinds` has the message type of each topic.
+    That in its namespace, else `name` itself, else the only one whose name ends with `name`. `kinds` has the message
+    type of each topic.
     """
-    alike = [topic for topic, kind in kinds.items()
-             if RENAMED.get(kind, kind) == TRANSFORMS and f'/{topic}'.endswith(name)]
-    return name if name in alike else only(alike)
+    alike = [topic for topic in of_robot(kinds, kinds, scans)
+             if RENAMED.get(kinds[topic], kinds[topic]) == TRANSFORMS and f'/{topic}'.endswith(name)]
+    own = only(topic for topic in alike if _robot(topic) == _robot(scans) != '')
+    return own or (name if name in alike else only(alike))
 
 
 def choose(channels, topics=(), everything=False) -> list:

@@ -1,13 +1,57 @@
 # SPDX-License-Identifier: Apache-2.0
 """Operations on many planar poses at once: arrays ``(N, 3)`` of x [m], y [m], theta [rad]."""
+import math
+
 import numpy as np
 
+from ..core.errors import DbscanRegError
 from ..core.geometry.se2 import wrap
 
 FARTHEST = 1e9
 """Largest magnitude of a coordinate of a valid pose [m, rad]."""
 CORRECTION = 1e-3
 """The laser's poses were corrected if they move by more than this [m, rad] relative to the robot's poses."""
+NORM_TOLERANCE = 0.1
+"""Largest deviation of the squared length of a quaternion from 1."""
+
+
+class PoseError(DbscanRegError, ValueError):
+    """The values of a pose or of a transform are not valid."""
+
+
+def unit_quaternion(quaternion) -> tuple:
+    """Return a quaternion (x, y, z, w) with the length 1; raise a PoseError if its own length differs too much."""
+    squared = sum(value * value for value in quaternion)
+    if not abs(squared - 1.0) < NORM_TOLERANCE:
+        values = ', '.join(f'{value:g}' for value in quaternion)
+        raise PoseError(f'the quaternion (x, y, z, w) is ({values}): expected one of length 1')
+    return tuple(value / math.sqrt(squared) for value in quaternion)
+
+
+def planar(x, y, quaternion) -> tuple:
+    """Return x, y [m] and the heading [rad], the direction of the x axis, of a pose with a `quaternion` (x, y, z, w).
+
+    Raises
+    ------
+    PoseError
+        When the values are not those of a pose.
+    """
+    if not possible((x, y)):
+        raise PoseError(f'the position is ({x:g}, {y:g}): expected finite numbers of at most {FARTHEST:g}')
+    qx, qy, qz, qw = unit_quaternion(quaternion)
+    return x, y, math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
+
+
+def repeated_stamps(stamps, poses) -> str:
+    """Return a sentence about poses ``(N, 3)`` that repeat the stamp ``(N,)`` [ns] of another one; empty if none do."""
+    order = np.argsort(stamps, kind='stable')
+    stamps, poses = np.asarray(stamps)[order], np.asarray(poses)[order]
+    repeated = (np.diff(stamps) == 0) & (np.abs(relative(poses[:-1], poses[1:])) > CORRECTION).any(axis=1)
+    if not repeated.any():
+        return ''
+    return (f'{repeated.sum()} of {len(stamps)} poses have the stamp of another pose and differ from it, first at '
+            f'{1e-9 * stamps[:-1][repeated][0]:.9f} s: expected a stamp for each pose, with all decimals; the first '
+            'pose of each stamp is used')
 
 
 def possible(pose) -> bool:

@@ -133,7 +133,8 @@ class Recording:
                 ahead = next(wheels, None)
             yield Played(scan, now)
 
-    def _note(self, assumption):
+    def note(self, assumption):
+        """Add a line to `notes`."""
         self._notes[assumption] = None
 
     def _report(self, problem):
@@ -162,7 +163,7 @@ class Recording:
                                  '(--topic; most commands take it more than once, for several lidars)')
         self.topic = filled[0]
         if topic is None and len(counts) > 1:
-            self._note(f'scans are taken from {self.topic}; of the topics of scans ({held}) no other holds a message')
+            self.note(f'scans are taken from {self.topic}; of the topics of scans ({held}) no other holds a message')
         self.count = counts[self.topic]
 
 

@@ -6,10 +6,16 @@ from pathlib import Path
 import numpy as np
 
 from ..core.errors import RecordingError
+from ..core.geometry.mounting import MAX_TILT
 from ..paths import check_file
 from .decimals import nanoseconds, seconds, to_float
 from .files import UNREADABLE, reason_of, replacing
-from .poses import FARTHEST, possible
+from .poses import FARTHEST, PoseError, planar, possible
+
+TUM = 'timestamp x y z qx qy qz qw'
+"""Columns of a file in TUM format."""
+LEAST_TILT, FLATTER = math.radians(1.0), 10.0
+"""Rotations that are tilted by more than 1 deg, and more than ten times as much as with w first, have w first."""
 
 
 def write_tum(path, stamps, poses):
@@ -34,18 +40,35 @@ def read_tum(path):
     Raises
     ------
     RecordingError
-        When the file cannot be read or a line does not hold eight numbers.
+        When the file cannot be read, a line does not hold eight numbers, or the poses are not those of a plane.
     """
-    stamps, poses = [], []
+    stamps, poses, quaternions = [], [], []
     for number, line in numbered_lines(path):
         try:
-            stamp, *values = line.split()
-            x, y, _, qx, qy, qz, qw = finite_numbers(values)
-            stamps.append(nanoseconds(stamp))
-        except ValueError:
-            raise RecordingError(f'{path}:{number}: expected timestamp x y z qx qy qz qw') from None
-        poses.append((x, y, math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))))
+            stamp, x, y, _, *quaternion = stamped(line, TUM)
+            poses.append(planar(x, y, quaternion))
+        except (ValueError, PoseError) as error:
+            raise RecordingError(f'{path}:{number}: expected {TUM}: {error}') from None
+        stamps.append(stamp)
+        quaternions.append(quaternion)
+    if fault := _not_planar(np.array(quaternions).reshape(-1, 4)):
+        raise RecordingError(f'{path}: expected {TUM}: {fault}')
     return np.array(stamps, dtype=np.int64), np.array(poses, dtype=float).reshape(-1, 3)
+
+
+def _not_planar(quaternions) -> str:
+    """Return why rotations ``(N, 4)`` (x, y, z, w) are not those of a robot on the ground; empty if they are.
+
+    Rotations of which w comes first look like a roll instead of a yaw.
+    """
+    tilts = [2.0 * np.arcsin(np.minimum(np.hypot(quaternions[:, first], quaternions[:, first + 1]), 1.0))
+             for first in (0, 1)]
+    tilt, w_first = (float(each.max(initial=0.0)) for each in tilts)
+    if tilt <= MAX_TILT and tilt <= max(LEAST_TILT, FLATTER * w_first):
+        return ''
+    what = 'does w come first?' if w_first < tilt else 'are they poses of a camera, or of another axis up?'
+    return (f'the poses are tilted by up to {math.degrees(tilt):.0f} deg against the plane, with w first by '
+            f'{math.degrees(w_first):.0f} deg: {what}')
 
 
 def write_csv(path, poses, indices=None, ms=None):
@@ -85,8 +108,8 @@ def read_csv(path):
         words = line.split(',')
         try:
             rows.append(finite_numbers(words[column] for column in columns))
-        except (ValueError, IndexError):
-            raise RecordingError(f'{path}:{number}: expected {len(header)} numbers') from None
+        except (ValueError, IndexError) as error:
+            raise RecordingError(f'{path}:{number}: expected {len(header)} numbers: {error}') from None
     rows = np.array(rows, dtype=float).reshape(-1, 4)
     return rows[:, 0].astype(int), rows[:, 1:]
 
@@ -95,8 +118,23 @@ def finite_numbers(words) -> list:
     """Convert `words` to floats; raise ValueError if one is not a number, not finite or too large for a pose."""
     numbers = [to_float(word) for word in words]
     if not possible(numbers):
-        raise ValueError(f'expected finite numbers below {FARTHEST:g}')
+        wrong = next(number for number in numbers if not possible((number,)))
+        raise ValueError(f'{wrong:g}: expected finite numbers below {FARTHEST:g}')
     return numbers
+
+
+def stamped(line, columns, stamps=1) -> list:
+    """Convert a line with these `columns` to its `stamps` [ns], followed by its finite numbers.
+
+    Raises
+    ------
+    ValueError
+        When the line has another number of columns, or one that is not valid.
+    """
+    words = line.split()
+    if len(words) != len(columns.split()):
+        raise ValueError(f'{len(words)} columns')
+    return [*map(nanoseconds, words[:stamps]), *finite_numbers(words[stamps:])]
 
 
 def numbered_lines(path):

@@ -8,9 +8,11 @@ import numpy as np
 
 from ..core.errors import RecordingError
 from ..core.geometry.se2 import wrap
-from .decimals import nanoseconds
-from .trajectories import finite_numbers, numbered_lines, read_csv, read_tum
+from .poses import repeated_stamps
+from .trajectories import numbered_lines, read_csv, read_tum, stamped
 
+RELATION = 't1 t2 x y z roll pitch yaw'
+"""Columns of a file of relations."""
 DATA_VARIABLE = 'DBSCAN_REG_DATA'
 
 
@@ -87,11 +89,10 @@ def load_relations(path) -> Relations:
     stamps, motions = [], []
     for number, line in numbered_lines(path):
         try:
-            first, second, *values = line.split()
-            x, y, _, _, _, yaw = finite_numbers(values)
-            stamps.append((nanoseconds(first), nanoseconds(second)))
-        except ValueError:
-            raise RecordingError(f'{path}:{number}: expected t1 t2 x y z roll pitch yaw') from None
+            first, second, x, y, _, _, _, yaw = stamped(line, RELATION, stamps=2)
+        except ValueError as error:
+            raise RecordingError(f'{path}:{number}: expected {RELATION}: {error}') from None
+        stamps.append((first, second))
         motions.append((x, y, yaw))
     if not stamps:
         raise RecordingError(f'{path}: holds no relation')
@@ -131,10 +132,11 @@ def true_poses(recording):
         When a file beside the recording cannot be read.
     """
     truth, path = recording.truth(), recording.path.with_name('reference.csv')
+    beside = recording.path.with_name('truth.tum')
+    if truth is None and beside.is_file():
+        truth = read_tum(beside)
     if truth is not None:
-        return truth
-    if recording.path.with_name('truth.tum').is_file():
-        return read_tum(recording.path.with_name('truth.tum'))
+        return _noted(truth, recording)
     if not path.is_file():
         return None
     indices, poses = read_csv(path)
@@ -153,10 +155,17 @@ def read_truth(path, recording):
         When the file cannot be read, or an index is not that of a scan of the recording.
     """
     if ',' not in next(numbered_lines(path), (1, ''))[1]:
-        return read_tum(path)
+        return _noted(read_tum(path), recording)
     indices, poses = read_csv(path)
     stamps = np.array(recording.stamps(), dtype=np.int64)
     if len(indices) and not 0 <= indices.min() <= indices.max() < len(stamps):
         raise RecordingError(f'{path}: scan {indices.max()}; expected numbers below {len(stamps)}, the scans of '
                              f'{recording.path}')
     return stamps[indices], poses
+
+
+def _noted(truth, recording):
+    """Return the stamps and poses of the `truth`; note in the recording if stamps are repeated."""
+    if repeated := repeated_stamps(*truth):
+        recording.note(f'true poses: {repeated}')
+    return truth

@@ -9,19 +9,21 @@ from bags import SECOND, laser_scan, needs_rosbags, write_bag
 from dbscan_reg_ros.core.geometry.mounting import MountingError
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.recordings import open_recording
+from dbscan_reg_ros.recordings.playback import ODOMETRY
 from dbscan_reg_ros.recordings.poses import compose
 
 LASER, PLATE = SE2(0.3, -0.2, math.radians(45.0)), SE2(0.1, 0.0, 0.0)
 
 
-def transforms(stamp, *edges):
-    """A message with the transforms (parent, frame, pose)."""
+def transforms(stamp, *edges, w=None):
+    """A message with the transforms (parent, frame, pose); `w` replaces the last value of their quaternions."""
     from rosbags.typesys import Stores, get_typestore
     types = get_typestore(Stores.ROS2_JAZZY).types
     made = []
     for parent, frame, pose in edges:
         time = types['builtin_interfaces/msg/Time'](sec=stamp // SECOND, nanosec=stamp % SECOND)
-        rotation = {'x': 0.0, 'y': 0.0, 'z': math.sin(0.5 * pose.theta), 'w': math.cos(0.5 * pose.theta)}
+        rotation = {'x': 0.0, 'y': 0.0, 'z': math.sin(0.5 * pose.theta),
+                    'w': math.cos(0.5 * pose.theta) if w is None else w}
         made.append(types['geometry_msgs/msg/TransformStamped'](
             header=types['std_msgs/msg/Header'](stamp=time, frame_id=parent), child_frame_id=frame,
             transform=types['geometry_msgs/msg/Transform'](
@@ -69,6 +71,46 @@ def test_the_frames_above_the_lidar_are_named_where_the_base_frame_is_not_among_
     with pytest.raises(MountingError, match=r'base_frame may be one of the frames above it: plate, base_footprint$'):
         bag.mounting_on('base_link')
     assert bag.mounting_on('base_footprint').pose.x == pytest.approx(PLATE.x + LASER.x)
+
+
+@needs_rosbags
+@pytest.mark.parametrize(('messages', 'says'), [
+    ([transforms(SECOND, ('base_link', 'front', SE2()), w=0.0)], r'\(0, 0, 0, 0\)'),
+    ([transforms(SECOND, ('base_link', 'front', pose)) for pose in (PLATE, LASER)], 'two robots'),
+], ids=['no_rotation', 'two_values'])
+def test_a_transform_that_is_no_pose_or_has_two_values_is_no_mounting(tmp_path, messages, says):
+    bag = bag_of(tmp_path / 'bag', [('/tf_static', message) for message in messages])
+    with pytest.raises(MountingError, match=says):
+        bag.mounting_on('base_link')
+
+
+@needs_rosbags
+def test_a_robot_never_gets_the_mounting_or_the_wheels_of_another(tmp_path):
+    of_a = transforms(SECOND, ('base_link', 'front', LASER))
+    bag = write_bag(tmp_path / 'bag', [('/a/scan', SECOND, laser_scan()), ('/b/scan', SECOND, laser_scan()),
+                                       ('/a/tf_static', SECOND, of_a), ('/a/odom', SECOND, odometry(SECOND))])
+    a, b = (open_recording(bag, f'/{name}/scan') for name in 'ab')
+    assert a.mounting_on('base_link').pose.x == pytest.approx(LASER.x) and a.wheel_odometry() is not None
+    with pytest.raises(MountingError, match='no transform'):
+        b.mounting_on('base_link')
+    assert b.wheel_odometry() is None and [channel.input for channel in b.channels()] == ['', '', '']
+
+
+@needs_rosbags
+def test_poses_with_a_quaternion_that_is_no_rotation_are_not_used_and_said_with_it(tmp_path):
+    messages = [('/odom', odometry(k * SECOND, w)) for k, w in enumerate((1.0, 0.0, math.nan, 1.01), 1)]
+    bag = bag_of(tmp_path / 'bag', messages)
+    assert bag.wheel_odometry()[0].tolist() == [SECOND, 4 * SECOND]
+    assert '2 of 4 poses on /odom' in bag.problems[0] and '(0, 0, 0, 0)' in bag.problems[0]
+
+
+def odometry(stamp, w=1.0):
+    """A message of wheel odometry with the quaternion (0, 0, 0, w)."""
+    from dbscan_reg_ros.recordings.bags.messages import MessageMaker
+    from dbscan_reg_ros.recordings.message_fields import header_fields
+    maker = MessageMaker()
+    return maker.store.deserialize_cdr(maker.serialize(ODOMETRY, {
+        'header': header_fields(stamp, 'odom'), 'pose': {'pose': {'orientation': {'w': w}}}}), ODOMETRY)
 
 
 def log_of(path, laser, robot, kind='RLASER'):

@@ -9,20 +9,13 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
 from visualization_msgs.msg import MarkerArray
 
-from ...core.errors import DbscanRegError
 from ...core.geometry.se2 import SE2
 from ...core.odometry.records import OdometryUpdate
 from ...core.scan import Scan
 from ...recordings.message_fields import filled, pose_fields, scan_fields, segments_fields, time_fields
+from ...recordings.poses import PoseError, planar, unit_quaternion
 
 Array = NDArray[np.float64]
-NORM_TOLERANCE = 0.1
-"""Largest deviation of the norm of a quaternion from 1."""
-
-
-class PoseError(DbscanRegError, ValueError):
-    """The values of a message are not a valid pose."""
-
 
 def scan_to_message(scan: Scan) -> LaserScan:
     """Convert a scan to a LaserScan message, which `Scan.from_message` converts back to the same scan.
@@ -48,10 +41,11 @@ def pose_to_message(pose: SE2) -> Pose:
 def pose_from_message(transform: Transform) -> tuple[Array, Array] | None:
     """Convert a Transform message to translation ``(3,)`` and unit quaternion (x, y, z, w); None if invalid."""
     t, q = transform.translation, transform.rotation
-    norm = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
-    if not abs(norm - 1.0) < NORM_TOLERANCE or not all(map(math.isfinite, (t.x, t.y, t.z))):
+    try:
+        quaternion = unit_quaternion((q.x, q.y, q.z, q.w))
+    except PoseError:
         return None
-    return np.array([t.x, t.y, t.z]), np.array([q.x, q.y, q.z, q.w]) / norm
+    return (np.array([t.x, t.y, t.z]), np.array(quaternion)) if all(map(math.isfinite, (t.x, t.y, t.z))) else None
 
 
 def matrix_from_pose(translation: Array, quaternion: Array) -> Array:
@@ -80,12 +74,7 @@ def planar_from_message(pose: Pose) -> SE2:
         When the message is not a valid pose.
     """
     p, q = pose.position, pose.orientation
-    theta = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-    norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
-    if not all(map(math.isfinite, (p.x, p.y, theta))) or not abs(norm - 1.0) < NORM_TOLERANCE:
-        raise PoseError(f'position ({p.x:g}, {p.y:g}) with the quaternion ({q.x:g}, {q.y:g}, {q.z:g}, {q.w:g}) is no '
-                        'pose; expected finite numbers and a quaternion of length 1')
-    return SE2(p.x, p.y, theta)
+    return SE2(*planar(p.x, p.y, (q.x, q.y, q.z, q.w)))
 
 
 def segments_to_message(update: OdometryUpdate, origin: SE2, odom_frame: str) -> MarkerArray:

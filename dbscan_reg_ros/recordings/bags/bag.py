@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS 1 and ROS 2 bags as recordings of scans."""
-import math
 from collections import Counter
 from itertools import islice
 
@@ -10,8 +9,8 @@ from ...core.errors import RecordingError, ScanError
 from ...core.geometry.mounting import Mounting, MountingError
 from ...core.scan import Scan, in_nanoseconds
 from ...robot.sensors import FRAME_MARK, name_in_frame
-from ..playback import ODOMETRY, RENAMED, Channel, Played, inputs_of, only
-from ..poses import FARTHEST, compose, corrected, possible
+from ..playback import ODOMETRY, RENAMED, Channel, Played, inputs_of, of_robot, only
+from ..poses import PoseError, compose, corrected, planar
 from ..recording import Record, Recording
 from ..scan_checks import ScanFields, ScanWatch
 from ..truth import interpolate
@@ -55,6 +54,7 @@ class Bag(Recording):
         with open_reader(self.path) as reader:
             scans, points, odometry = (_topics(reader.connections, kind)
                                        for kind in (LASER_SCAN, POINT_CLOUD, ODOMETRY))
+            self._kinds = {connection.topic: connection.msgtype for connection in reader.connections}
             if point_clouds and (not scans or topic in points):
                 scans |= points
             elif topic in points or (points and not scans and topic is None):
@@ -65,6 +65,7 @@ class Bag(Recording):
         self._recorded = self.topic
         self._clouds = point_clouds if self.topic in points else None
         self._reader: CloudReader | None = None
+        odometry = of_robot(odometry, self._kinds, self._recorded)
         self._truth_topic = only(name for name in odometry if 'truth' in name)
         self._laser_topic = only(name for name in odometry if 'laser_pose' in name)
         self._wheel_topic = _wheel_topic(odometry)
@@ -91,7 +92,7 @@ class Bag(Recording):
             raise RecordingError(f'{self.path}: no scans on {self._recorded} have the frame {self._frame!r}; their '
                                  f'frames: {", ".join(counts) or "none"}')
         self.topic, self.count = name, counts[self._frame]
-        self._note(f'of the scans on {self._recorded}, those with the frame {self._frame!r}')
+        self.note(f'of the scans on {self._recorded}, those with the frame {self._frame!r}')
 
     def _frames(self):
         """Return frame -> number of scans on the topic, in the order of their first scans."""
@@ -112,7 +113,7 @@ class Bag(Recording):
     def _is_mounted(self, base_frame, frame):
         """Whether the transforms of the bag have the mounting of a lidar with this frame."""
         try:
-            return static_mounting(self.path, base_frame, frame) is not None
+            return static_mounting(self.path, self._recorded, base_frame, frame) is not None
         except MountingError:
             return False
 
@@ -121,7 +122,8 @@ class Bag(Recording):
         with open_reader(self.path) as reader:
             held = {c.topic: (c.msgtype, reader.is_latched(c)) for c in reader.connections
                     if c.topic != self._recorded and c.msgcount}
-        inputs = inputs_of({topic: kind for topic, (kind, _) in held.items()}, self._wheel_topic)
+        kinds = {topic: self._kinds[topic] for topic in (*held, self._recorded)}
+        inputs = inputs_of(kinds, self._wheel_topic, self._recorded)
         return [Channel(topic, RENAMED.get(kind, kind), latched or inputs.get(topic) == '/tf_static',
                         inputs.get(topic, ''))
                 for topic, (kind, latched) in held.items()]
@@ -179,23 +181,24 @@ class Bag(Recording):
         frame, own_frame = message.child_frame_id.strip('/') if truth else '', self.frame_id.strip('/')
         if not frame or (frame == own_frame and not self._clouds):
             return truth
+        reason = '/tf_static has no upright transform between them'
         try:
             mounting = self._mounting_on(frame)
-        except MountingError:
-            mounting = None
+        except MountingError as error:
+            mounting, reason = None, str(error)
         if mounting is None or mounting.upside_down:
-            self._note(f'{self._truth_topic} has poses of {frame!r}, the lidar is in {own_frame!r}, and /tf_static has '
-                       'no upright transform between them: taken as poses of the lidar')
+            self.note(f'{self._truth_topic} has poses of {frame!r}, the lidar is in {own_frame!r}: taken as poses of '
+                       f'the lidar, because {reason}')
             return truth
-        self._note(f'{self._truth_topic} has poses of {frame!r}: converted by /tf_static to those of {own_frame!r}')
+        self.note(f'{self._truth_topic} has poses of {frame!r}: converted by /tf_static to those of {own_frame!r}')
         stamps, poses = truth
         return stamps, compose(poses, mounting.pose.as_array()[None])
 
     def mounting_on(self, base_frame) -> Mounting:
         """Return the mounting of the lidar by the transforms of the bag; raise a MountingError if they lack it."""
-        found = static_mounting(self.path, base_frame, self.frame_id)
+        found = static_mounting(self.path, self._recorded, base_frame, self.frame_id)
         if found is None:
-            above = ', '.join(ancestors(self.path, self.frame_id))
+            above = ', '.join(ancestors(self.path, self._recorded, self.frame_id))
             advice = f'; base_frame may be one of the frames above it: {above}' if above else ''
             raise MountingError(f'no transform from {base_frame!r} to {self.frame_id!r} is on /tf_static, and none '
                                 f'that is constant on /tf{advice}')
@@ -204,21 +207,23 @@ class Bag(Recording):
     def _mounting_on(self, frame) -> Mounting | None:
         """Return the mounting of the scans on another frame; None if it is unknown."""
         if not self._clouds or not self.mounting:
-            return static_mounting(self.path, frame, self.frame_id.strip('/'))
-        base = static_mounting(self.path, frame, self._clouds.base_frame)
+            return static_mounting(self.path, self._recorded, frame, self.frame_id.strip('/'))
+        base = static_mounting(self.path, self._recorded, frame, self._clouds.base_frame)
         return base and Mounting(base.pose @ self.mounting.pose, base.upside_down)
 
     def _odometry(self, topic):
         if topic is None:
             return None
-        rows = []
+        rows, faults = [], []
         for number, _, _, message in self._messages([topic]):
-            pose = _planar(message.pose.pose)
-            if possible(pose):
-                rows.append((in_nanoseconds(message.header.stamp), *pose))
-            else:
-                self._report(f'{self.path.name}: pose {number} on {topic} skipped: {pose}: expected finite numbers '
-                             f'below {FARTHEST:g}')
+            p, q = message.pose.pose.position, message.pose.pose.orientation
+            try:
+                rows.append((in_nanoseconds(message.header.stamp), *planar(p.x, p.y, (q.x, q.y, q.z, q.w))))
+            except PoseError as error:
+                faults.append(f'pose {number}: {error}')
+        if faults:
+            self._report(f'{self.path.name}: {len(faults)} of {len(faults) + len(rows)} poses on {topic} skipped; '
+                         f'{faults[0]}')
         if not rows:
             return None
         return np.array([row[0] for row in rows], dtype=np.int64), np.array([row[1:] for row in rows], dtype=float)
@@ -266,10 +271,3 @@ def _at(stamps, trajectory):
     if np.array_equal(known, stamps):
         return poses
     return interpolate(known, poses, np.clip(stamps, known.min(), known.max()))
-
-
-def _planar(pose):
-    """Return x, y [m] and heading [rad] of a Pose message."""
-    q = pose.orientation
-    return (pose.position.x, pose.position.y,
-            math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z)))

@@ -66,7 +66,7 @@ class CloudParameters:
         """
         if self.mounting:
             return CloudReader(self, self.mounting.matrix)
-        matrix = static_matrix(path, self.base_frame, frame)
+        matrix = static_matrix(path, topic, self.base_frame, frame)
         if matrix is None:
             raise MountingError(f'{path}: the heights of the points on {topic} are not known: no transform from '
                                 f'{self.base_frame!r} to {frame!r} is on /tf_static; set base_frame, or set mounting '

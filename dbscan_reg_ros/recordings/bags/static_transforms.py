@@ -4,8 +4,9 @@ from itertools import islice
 
 import numpy as np
 
-from ...core.geometry.mounting import Mounting
+from ...core.geometry.mounting import Mounting, MountingError
 from ..playback import RENAMED, topic_of_transforms
+from ..poses import PoseError, unit_quaternion
 from .reading import open_reader, safely
 
 MOST = 1000
@@ -14,67 +15,91 @@ SAME = 1e-3
 """Elements of the matrices of a frame that does not move differ by less than this [m, rad]."""
 
 
-def static_mounting(path, base_frame, frame) -> Mounting | None:
-    """Return the mounting of the lidar `frame` from the transforms of a bag; None if it is unknown.
+def static_mounting(path, scans, base_frame, frame) -> Mounting | None:
+    """Return the mounting of the lidar `frame`, with its `scans` on this topic of a bag; None if it is unknown.
 
     Raises
     ------
     MountingError
-        When the lidar is tilted too far.
+        When the lidar is tilted too far, or as `static_matrix`.
     """
-    matrix = static_matrix(path, base_frame, frame)
+    matrix = static_matrix(path, scans, base_frame, frame)
     return None if matrix is None else Mounting.from_matrix(matrix)
 
 
-def static_matrix(path, base_frame, frame):
+def static_matrix(path, scans, base_frame, frame):
     """Return the matrix ``(4, 4)`` from the lidar `frame` to `base_frame`, as `static_mounting`, for any tilt.
 
     Where those on /tf_static do not connect both frames, those on /tf that do not change are used as well: older
     recordings have no /tf_static.
+
+    Raises
+    ------
+    MountingError
+        When a transform between both frames is not valid, or was recorded with several values.
     """
-    for parents in _transforms(path):
+    for parents, faults in _transforms(path, scans):
         base, laser = _chain(parents, base_frame), _chain(parents, frame)
         if base[0] == laser[0]:
             return np.linalg.inv(base[1]) @ laser[1]
+        for root in (laser[0], base[0]):
+            if root in faults:
+                raise MountingError(faults[root])
     return None
 
 
-def ancestors(path, frame) -> list[str]:
-    """Return the frames above a `frame` in the transforms of a bag, its parent first."""
-    *_, parents = _transforms(path)
+def ancestors(path, scans, frame) -> list[str]:
+    """Return the frames above the `frame` of the `scans` on a topic of a bag, its parent first."""
+    *_, (parents, _) = _transforms(path, scans)
     found = [frame.strip('/')]
     while found[-1] in parents and parents[found[-1]][0] not in found:
         found.append(parents[found[-1]][0])
     return found[1:]
 
 
-def _transforms(path):
-    """Yield frame -> (parent frame, ``(4, 4)`` matrix to its parent): of /tf_static, then of both topics."""
-    with open_reader(path) as reader:
-        static, _ = _transforms_on(reader, '/tf_static')
-        yield static
-        others, moving = _transforms_on(reader, '/tf', MOST)
-        yield {frame: others[frame] for frame in others.keys() - moving} | static
+def _transforms(path, scans):
+    """Yield frame -> (parent frame, ``(4, 4)`` matrix to its parent), and frame -> why it has no such transform.
 
-
-def _transforms_on(reader, name, most=None):
-    """Return the transforms on a topic, in its first messages up to the number `most`, and the frames that move.
-
-    If there are several transforms of a frame, the last one is returned.
+    First of /tf_static, then of both topics.
     """
-    topic = topic_of_transforms({c.topic: c.msgtype for c in reader.connections}, name)
+    with open_reader(path) as reader:
+        static, faults = _transforms_on(reader, '/tf_static', scans)
+        yield static, faults
+        others, _ = _transforms_on(reader, '/tf', scans, MOST)
+        yield others | static, faults
+
+
+def _transforms_on(reader, name, scans, most=None):
+    """Return the constant transforms on a topic, in its first messages up to the number `most`, and all other frames.
+
+    These are a dictionary with the reasons.
+    """
+    topic = topic_of_transforms({c.topic: c.msgtype for c in reader.connections}, name, scans)
     connections = [c for c in reader.connections if c.topic == topic]
     messages = safely(reader, connections, lambda _: None) if connections else ()
-    first, parents, moving = {}, {}, set()
+    parents, faults = {}, {}
     for connection, _, raw in islice(messages, most):
         message = reader.deserialize(raw, RENAMED.get(connection.msgtype, connection.msgtype))
         for transform in message.transforms:
-            frame = transform.child_frame_id.strip('/')
-            parents[frame] = transform.header.frame_id.strip('/'), _matrix(transform.transform)
-            parent, matrix = first.setdefault(frame, parents[frame])
-            if parent != parents[frame][0] or not np.allclose(matrix, parents[frame][1], atol=SAME):
-                moving.add(frame)
-    return parents, moving
+            frame, parent = transform.child_frame_id.strip('/'), transform.header.frame_id.strip('/')
+            try:
+                found = parent, _matrix(transform.transform)
+            except PoseError as error:
+                faults[frame] = f'the transform from {parent!r} to {frame!r} on {topic} is not valid: {error}'
+                continue
+            first = parents.setdefault(frame, found)
+            if parent != first[0] or not np.allclose(first[1], found[1], atol=SAME):
+                faults[frame] = (f'{topic} has different transforms of {frame!r}: from {_text(first)}, and from '
+                                 f'{_text(found)}: expected one; are there two robots in the recording, or was the '
+                                 'mounting changed?')
+    return {frame: parents[frame] for frame in parents.keys() - faults.keys()}, faults
+
+
+def _text(transform):
+    """Return the parent frame and the translation [m] and yaw [deg] of a transform as text."""
+    parent, matrix = transform
+    (x, y, z), yaw = matrix[:3, 3], np.degrees(np.arctan2(matrix[1, 0], matrix[0, 0]))
+    return f'{parent!r} by ({x:.3f}, {y:.3f}, {z:.3f}) m and {yaw:.1f} deg'
 
 
 def _chain(parents, frame):
@@ -88,9 +113,9 @@ def _chain(parents, frame):
 
 
 def _matrix(transform):
-    """Return the matrix ``(4, 4)`` of the `translation` and the unit quaternion of a transform."""
+    """Return the matrix ``(4, 4)`` of a transform; raise a PoseError if its quaternion is not of length 1."""
     q, t = transform.rotation, transform.translation
-    x, y, z, w = np.array((q.x, q.y, q.z, q.w)) / max(np.linalg.norm((q.x, q.y, q.z, q.w)), 1e-12)
+    x, y, z, w = unit_quaternion((q.x, q.y, q.z, q.w))
     matrix = np.eye(4)
     matrix[:3, :3] = ((1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
                       (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),

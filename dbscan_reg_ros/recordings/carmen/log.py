@@ -45,10 +45,10 @@ class CarmenLog(Recording):
         self._choose(front if front and topic is None else counts, topic)
         if topic is None and len(front) not in (0, len(counts)):
             rest = ', '.join(sorted(counts.keys() - front.keys()))
-            self._note(f'scans are taken from the {self.topic} lines; other lines with scans: {rest}')
+            self.note(f'scans are taken from the {self.topic} lines; other lines with scans: {rest}')
         self._found = surveys[self.topic].findings('NEFF' in others)
         for note in self._found.notes:
-            self._note(note)
+            self.note(note)
         first = next(self.scans(), None)
         if first is None:
             raise RecordingError(f'{self.path}: no readable scan; first problem: {self.problems[0]}')

@@ -193,6 +193,12 @@ def test_csv_keeps_poses_bit_for_bit(tmp_path):
 @pytest.mark.parametrize(('reader', 'content', 'where'), [
     (read_tum, '# stamps\n1.0 0 0 0 0 0 0 1\n2.0 0 0\n', ':3: expected timestamp'),
     (read_tum, '-1.0 0 0 0 0 0 0 1\n', ':1: expected timestamp'),
+    (read_tum, '1.0 0 nan 0 0 0 0 1\n', ':1: .*nan'),
+    (read_tum, '1700000000000000000 0 0 0 0 0 0 1\n', ':1: .*1700000000000000000 s .*expected seconds'),
+    (read_tum, '1.0 0 0 0 0 0 0 0\n', r':1: .*\(0, 0, 0, 0\)'),
+    (read_tum, '1.0 0 0 0 1 0 0 0\n2.0 0 0 0 0.99 0 0 0.14\n', 'w come first'),
+    (read_tum, '1.0 0 0 0 0 0 0 1\n2.0 0 0 0 0.1 0 0 0.995\n', 'w come first'),
+    (read_tum, '1.0 0 0 0 0.5 -0.5 0.5 -0.5\n', '90 deg'),
     (read_csv, 'index,x,y\n0,1,2\n', ':1: expected the columns'),
     (read_csv, 'index,x,y,theta\n0,1,2,three\n', ':2: expected 4 numbers'),
     (load_relations, '1.0 2.0 0 0 0 0 0 0\n1.0 2.0 0 0\n', ':2: expected t1 t2'),
@@ -204,6 +210,11 @@ def test_a_damaged_file_is_refused_with_its_line(tmp_path, reader, content, wher
     with pytest.raises(RecordingError, match=where) as caught:
         reader(path)
     assert str(path) in str(caught.value)
+
+
+def test_a_robot_that_sways_is_on_the_ground(tmp_path):
+    (tmp_path / 'a.tum').write_text('1.0 1 2 0 0.06 0.06 0.7058 0.7058\n2.0 1 2 0 0.02 -0.03 0 1\n')
+    assert np.allclose(read_tum(tmp_path / 'a.tum')[1][:, 2], [math.pi / 2, 0.0], atol=0.01)
 
 
 def test_an_absent_file_is_refused_by_name(tmp_path):
