@@ -95,6 +95,7 @@ def test_the_filter_takes_our_twist_in_our_frames(root, topics):
     taken = {key: {row for row, use in zip(rows, filter_parameters[key], strict=True) if use}
              for key in ('odom0_config', 'imu0_config')}
     assert taken == {'odom0_config': {'vx', 'vy', 'vyaw'}, 'imu0_config': {'vyaw'}}
+    assert filter_parameters['smooth_lagged_data'] and filter_parameters['history_length'] > 0.0
 
 
 def test_the_documented_topics_are_those_of_the_node(root, topics):
