@@ -27,8 +27,9 @@ class InputParameters(ParameterGroup):
              'motion between the scans used; 1 uses every scan.')
     queue_size: int = parameter(
         3, unit='scans', bounds=(1, 50),
-        help='Number of scans that may wait to be processed; if more wait, the oldest are dropped. Larger values drop '
-             'fewer scans when the computer is busy and delay the pose; smaller values keep the delay short.')
+        help='Number of scans that may wait when processing falls behind the lidar; if more wait, the oldest are '
+             'dropped. Scans that arrive in a burst all wait, at most 100. Larger values drop fewer scans when the '
+             'computer is busy and delay the pose; smaller values keep the delay short.')
     max_wait: float = parameter(
         0.05, unit='s', bounds=(0.0, 10.0),
         help='Longest time that a scan waits until the transform of a moving sensor, or the external prior, is known '

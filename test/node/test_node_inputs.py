@@ -8,7 +8,7 @@ import pytest
 import rclpy  # noqa: F401 - needs ROS
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-from ros_helpers import TIMEOUT, Loudspeaker, changed, distances, played, said
+from ros_helpers import TIMEOUT, Loudspeaker, changed, distances, played, restamped, said
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
@@ -70,7 +70,7 @@ def test_of_scans_that_come_too_fast_the_newest_win_and_the_others_are_counted(n
     publisher = Loudspeaker(peer, LaserScan, 'scan').publisher
     answers = peer.listen(Odometry, 'odom')
     reports = peer.subscribe(DiagnosticArray, '/diagnostics')
-    messages = [scan_to_message(scan) for scan in scans]
+    messages = list(map(scan_to_message, restamped(scans, scans[0].stamp + 100_000 * np.arange(len(scans)))))
     for message in messages:
         publisher.publish(message)
     peer.until(lambda: answers and answers[-1].header.stamp == messages[-1].header.stamp)
@@ -87,3 +87,13 @@ def test_of_scans_that_come_too_fast_the_newest_win_and_the_others_are_counted(n
     assert received == processed + dropped
     said(node, 'too slow: ', peer)
     assert received > 50
+
+
+def test_all_scans_of_a_burst_are_used(node, peer, scans, truth):
+    publisher = Loudspeaker(peer, LaserScan, 'scan').publisher
+    answers = peer.subscribe(Odometry, 'odom')
+    for begin in range(0, 75, 25):
+        for scan in scans[begin:begin + 25]:
+            publisher.publish(scan_to_message(scan))
+        peer.until(lambda end=begin + 25: len(answers) == end)
+    assert distances(answers, truth[:75]).max() < 0.1

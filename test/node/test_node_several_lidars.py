@@ -22,7 +22,7 @@ from dbscan_reg_ros.core.odometry.calibration.relative_pose import RelativePose
 from dbscan_reg_ros.core.odometry.calibration.wheels import Wrong
 from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.interfaces.lidar import Lidar, OdometryTrigger
-from dbscan_reg_ros.node.interfaces.messages import scan_to_message
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_to_message
 from dbscan_reg_ros.node.monitoring.disagreements import Disagreements
 from dbscan_reg_ros.node.monitoring.own_bodies import OwnBodies
 from dbscan_reg_ros.recordings.snapshots import read_snapshot
@@ -196,7 +196,9 @@ def test_what_is_reported_about_a_lidar_names_it(start_command, peer, drive, tf_
         said(node, f'/{name}/scan: the scans change from 361 to 180 beams', peer)
     for name in lidars:
         reported(f'/{name}/scan: the scans change from 361 to 180 beams')
-    for message in halves['rear'][2:]:
+    stamp = in_nanoseconds(halves['rear'][2].header.stamp)
+    for k, message in enumerate(halves['rear'][2:]):
+        message.header.stamp = stamp_to_message(stamp + 100_000 * k)
         lidars['rear'].publisher.publish(message)
     said(node, '/rear/scan: too slow: ', peer)
     reported('/rear/scan: too slow: ')

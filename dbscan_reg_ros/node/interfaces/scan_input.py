@@ -20,7 +20,9 @@ from .messages import stamp_to_message
 from .scan_reader import ScanMessage
 from .subscriptions import WakingCallbackGroup, taken
 
-QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+MOST = 100
+"""Largest number of scans that wait to be processed."""
+QUALITY = QoSProfile(depth=MOST, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Quality of service of the subscription; its depth suffices to count the scans that arrive while one is processed."""
 
 TYPES = {LASER_SCAN: LaserScan, POINT_CLOUD: PointCloud2}
@@ -86,7 +88,8 @@ class ScanTopic:
 class ScanInbox:
     """Keeps the scans of one lidar and passes them to `handle` one after the other.
 
-    When the queue is full, the oldest scan is dropped.
+    Scans that come in a burst wait. When processing falls behind the stamps, the oldest of more than
+    ``input.queue_size`` scans are dropped.
 
     Parameters
     ----------
@@ -124,6 +127,8 @@ class ScanInbox:
         self._node = node
         self._patience, self._handle = patience, handle
         self._pending: deque[tuple[ScanMessage, float]] = deque()
+        self._busy_since: float | None = None
+        self._began = self._done = 0
         self._timer = node.create_timer(1.0, self.process_next, callback_group=WakingCallbackGroup(self.has_pending),
                                         clock=Clock(clock_type=ClockType.STEADY_TIME), autostart=False)
 
@@ -169,6 +174,10 @@ class ScanInbox:
             return
         self._pending.popleft()
         self._handle(message)
+        self._done = in_nanoseconds(message.header.stamp)
+        self.source.take(self)
+        if not self._pending:
+            self._busy_since = None
         self.retry_pending()
         self.passed()
 
@@ -183,11 +192,23 @@ class ScanInbox:
         if (self.received - 1) % self.parameters.every_nth:
             return
         self._correct_stamp(message)
-        self.stamps.add(in_nanoseconds(message.header.stamp))
-        self._pending.append((message, time.monotonic()))
-        while len(self._pending) > self.parameters.queue_size:
+        stamp, now = in_nanoseconds(message.header.stamp), time.monotonic()
+        self.stamps.add(stamp)
+        if self._busy_since is None:
+            self._busy_since = now
+            self._began = self._done = self._done or stamp
+        self._pending.append((message, now))
+        while len(self._pending) > self.parameters.queue_size and self._is_behind(self._busy_since, now):
             self._pending.popleft()
             self.dropped += 1
+
+    def _is_behind(self, since: float, now: float) -> bool:
+        """Whether the scans processed without a pause `since` [s] took longer than they cover by their stamps.
+
+        They may take ``input.queue_size`` periods longer.
+        """
+        allowed = self._done - self._began + self.parameters.queue_size * (self.stamps.period or 0)
+        return len(self._pending) > MOST or (now - since) * SECOND > allowed
 
     def _correct_stamp(self, message: ScanMessage) -> None:
         """Add ``input.time_offset`` to the stamp of a message, unless the message has none."""
