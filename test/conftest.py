@@ -31,9 +31,13 @@ hypothesis.settings.register_profile('bounded', derandomize=True, database=None,
 hypothesis.settings.register_profile('long', hypothesis.settings.get_profile('bounded'), max_examples=2000)
 
 
+LONG_FOLDERS = {('builds',), ('fuzz',)}
+LONG_FIXTURES = {'started_browser', 'docs_python'}
+
+
 def pytest_addoption(parser):
     parser.addoption('--long', action='store_true',
-                     help='as much of everything as doc/reliability.md says, not the bounded '
+                     help='all tests, and as much of everything as doc/reliability.md says, not the bounded '
                      'form: it takes hours')
 
 
@@ -68,6 +72,20 @@ def skipping_what_is_missing():
         if (package := str(error.name).partition('.')[0]) not in NOT_IN_THE_MANIFEST:
             raise
         pytest.skip(f'needs the Python package {package}')
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leave out what takes long, unless with ``--long`` or where an argument names its folder."""
+    def folder(path):
+        path = (config.invocation_params.dir / path).resolve()
+        return path.relative_to(ROOT / 'test').parts[:1] if path.is_relative_to(ROOT / 'test') else ()
+
+    named = {folder(str(word).partition('::')[0]) for word in config.args} - {()}
+    left_out = [item for item in items if not config.getoption('--long') and folder(item.path) not in named
+                and (folder(item.path) in LONG_FOLDERS or LONG_FIXTURES & {*getattr(item, 'fixturenames', ())})]
+    if left_out:
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if item not in left_out]
 
 
 def pytest_ignore_collect(collection_path):

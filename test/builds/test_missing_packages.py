@@ -3,17 +3,13 @@
 
 All are found, and those that need more are skipped with a reason.
 """
-import ast
 import os
 import re
 import subprocess
 import sys
 
 import pytest
-from manifest import NOT_IN_THE_MANIFEST, in_the_manifest
-
-COMES_WITH = {'setuptools': 'colcon', 'threadpoolctl': 'scikit-learn'}
-"""Modules that are there wherever a package of the manifest, or colcon itself, is."""
+from manifest import NOT_IN_THE_MANIFEST
 
 
 @pytest.fixture
@@ -52,33 +48,3 @@ def test_hidden_packages_are_as_if_not_installed_in_children_as_well(root):
     result = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=False,
                             env=os.environ | {'WITHOUT_PACKAGES': 'yaml', 'PYTHONPATH': str(root / 'test' / 'without')})
     assert (result.stdout, result.returncode) == ('None True\n', 1)
-
-
-def imported(path):
-    """Names of the packages that a file imports, or asks for by name."""
-    for node in ast.walk(ast.parse(path.read_text())):
-        names = []
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and not node.level:
-            names = [node.module]
-        elif isinstance(node, ast.Call) and getattr(node.func, 'attr', '') in ('importorskip', 'find_spec'):
-            names = [word.value for word in node.args[:1] if isinstance(word, ast.Constant)]
-        yield from (name.partition('.')[0] for name in names)
-
-
-def test_what_the_package_and_the_tests_import_is_named_by_the_manifest_or_by_the_list(root):
-    own = {path.stem for folder in ('test', 'scripts') for path in (root / folder).rglob('*.py')}
-    own |= {path.name for path in (root / 'scripts').iterdir() if path.is_dir()} | {'dbscan_reg_ros'}
-    files = [path for folder in ('test', 'dbscan_reg_ros', 'launch') for path in (root / folder).rglob('*.py')]
-    others = {name for path in files for name in imported(path)} - own - sys.stdlib_module_names
-    assert {'numpy', 'rclpy', 'rosbags', 'kiss_icp', 'colcon_core'} <= others
-    assert others - in_the_manifest(root) - set(COMES_WITH) <= NOT_IN_THE_MANIFEST
-    assert not NOT_IN_THE_MANIFEST & in_the_manifest(root)
-
-
-def test_colcon_chooses_pytest(root):
-    """Colcon's own decision, by what setup.py requires for tests; otherwise it runs unittest and finds no test."""
-    from colcon_core.task.python.test import has_test_dependency
-    from colcon_python_setup_py.package_identification.python_setup_py import get_setup_information
-    assert has_test_dependency(get_setup_information(root / 'setup.py'), 'pytest')

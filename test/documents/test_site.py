@@ -18,11 +18,11 @@ nbformat.write(notebook, sys.argv[2])
 
 
 @pytest.fixture
-def python(root):
+def docs_python(root):
     """The interpreter that has sphinx and nbclient."""
     python = root / '.venv-docs' / 'bin' / 'python'
     if not python.exists():
-        pytest.skip('needs .venv-docs, which scripts/test makes')
+        pytest.skip('needs .venv-docs, which scripts/test --long makes')
     return python
 
 
@@ -37,8 +37,8 @@ def run(root, *words):
     return done.stdout
 
 
-def test_the_site_is_built_without_a_warning(root, python, tmp_path):
-    run(root, python, '-m', 'sphinx', '-q', '-W', '--keep-going', '-b', 'html', root / 'doc', tmp_path / 'site')
+def test_the_site_is_built_without_a_warning(root, docs_python, tmp_path):
+    run(root, docs_python, '-m', 'sphinx', '-q', '-W', '--keep-going', '-b', 'html', root / 'doc', tmp_path / 'site')
     pages = {path.stem for path in (tmp_path / 'site').glob('*.html')}
     assert {'index', 'api', *(path.stem for path in (root / 'doc').glob('*.md'))} <= pages
     api = (tmp_path / 'site' / 'api.html').read_text()
@@ -46,12 +46,12 @@ def test_the_site_is_built_without_a_warning(root, python, tmp_path):
     assert [name for name in public if f'id="dbscan_reg_ros.{name}"' not in api] == []
 
 
-def test_the_notebook_has_no_outputs_and_runs(root, python, tmp_path):
+def test_the_notebook_has_no_outputs_and_runs(root, docs_python, tmp_path):
     path = root / 'doc' / 'examples' / 'first_registration.ipynb'
     cells = [cell for cell in json.loads(path.read_text())['cells'] if cell['cell_type'] == 'code']
     assert [cell['outputs'] for cell in cells] == [[]] * len(cells)
     assert {cell['execution_count'] for cell in cells} == {None}
-    run(root, python, '-c', RUN, path, tmp_path / 'run.ipynb')
+    run(root, docs_python, '-c', RUN, path, tmp_path / 'run.ipynb')
     outputs = [output for cell in json.loads((tmp_path / 'run.ipynb').read_text())['cells']
                for output in cell.get('outputs', ())]
     texts = ''.join(''.join(output['text']) for output in outputs if output['output_type'] == 'stream')

@@ -208,7 +208,7 @@ def test_evo_measures_the_same(data, tmp_path, path):
     """Position error and steps by ``evo``, run as a command, on the files that a replay writes."""
     for command in ('evo_ape', 'evo_rpe'):
         if not shutil.which(command):
-            pytest.skip(f'needs {command} on the PATH, as scripts/test without arguments has it')
+            pytest.skip(f'needs {command} on the PATH, as scripts/test --long has it')
     recording = open_recording(data / path)
     stamps, truth = true_poses(recording)
     wheels = recording.wheel_odometry()[1]

@@ -4,11 +4,15 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 
 import pytest
 
 SIDE_BY_SIDE = f'-n {min(len(os.sched_getaffinity(0)) + 1, 4)} --dist worksteal'
+LONG_ONLY = ['add_browser', 'set_up_docs', 'set_up_evo']
 ENDING = '-o faulthandler_timeout=600 -o faulthandler_exit_on_timeout=true'
+LONG_TESTS = {'builds': 'test_builds.py', 'documents': 'test_site.py', 'fuzz': 'test_fuzz_scans.py',
+              'page': 'test_interaction.py'}
 
 
 def locked(root):
@@ -33,7 +37,8 @@ def checks(root, tmp_path):
     shutil.copytree(root / 'scripts', tmp_path / 'scripts')
     with open(tmp_path / 'scripts' / 'setup', 'a') as setup:
         setup.write(f'set_up() {{ python={tmp_path}/python; }}\nset_up_style() {{ style={tmp_path}; }}\n'
-                    'set_up_noble() { noble=; }\nset_up_evo() { :; }\nset_up_docs() { :; }\n')
+                    'set_up_noble() { noble=; }\n')
+        setup.writelines(f'{step}() {{ echo {step} >> {tmp_path}/made; }}\n' for step in LONG_ONLY)
 
     def checks(*words, ruff=0, mypy=0):
         for name, status in (('ruff', ruff), ('mypy', mypy), ('python', 0)):
@@ -51,6 +56,23 @@ def test_what_ruff_or_mypy_finds_fails_the_tests(checks):
     assert checks(ruff=1) == (1, ['ruff check'])
     assert checks(mypy=1) == (1, ['ruff check', 'mypy'])
     assert checks() == (0, ['ruff check', 'mypy', f'python -m pytest {SIDE_BY_SIDE} {ENDING}'])
+
+
+def test_what_only_long_tests_need_is_made_for_them_alone(checks, tmp_path):
+    assert checks() and not (tmp_path / 'made').exists()
+    assert checks('--long') == (0, ['ruff check', 'mypy', f'python -m pytest {SIDE_BY_SIDE} --long'])
+    assert {*(tmp_path / 'made').read_text().split()} == {*LONG_ONLY}
+
+
+@pytest.mark.parametrize(('words', 'runs'), [
+    ('test', set()), ('test --long', {*LONG_TESTS}), ('test/documents test/fuzz', {'fuzz', 'documents'})])
+def test_builds_fuzz_browsers_and_the_site_run_where_they_are_asked_for(root, words, runs):
+    others = [f'--ignore=test/{folder}' for folder in ('node', 'recordings', 'unit')]
+    found = subprocess.run([sys.executable, '-m', 'pytest', '-q', '--collect-only', '-p', 'no:cacheprovider',
+                            *words.split(), *others], cwd=root, capture_output=True, text=True, timeout=300,
+                           check=False).stdout
+    assert 'test/documents/test_printed.py' in found
+    assert runs == {folder for folder, test in LONG_TESTS.items() if f'test/{folder}/{test}' in found}
 
 
 def test_style_alone_runs_no_test(checks):
