@@ -104,7 +104,7 @@ def test_scans_that_one_trajectory_lacks_are_left_out_of_both(compare, truth, tm
     assert content['differences']['all']['m']['a'] == content['differences']['all']['m']['b'] < 1e-6
 
 
-def test_repeated_stamps_with_other_poses_are_said_of_a_trajectory_and_of_the_truth(compare, truth, tmp_path):
+def test_repeated_stamps_with_other_poses_are_reported_for_a_trajectory_and_the_truth(compare, truth, tmp_path):
     stamps, poses = truth
     write_tum(tmp_path / 'whole.tum', stamps - stamps % 10**9, poses)
     _, printed, content = compare('identity', f'whole={tmp_path}/whole.tum', '--truth', tmp_path / 'whole.tum')
