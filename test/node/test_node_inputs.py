@@ -58,6 +58,25 @@ def test_the_robots_own_body_is_masked(start_node, player, peer, scans_and_truth
         assert np.isfinite(update.scan.ranges[~post & (bearings > -2.9) & (bearings < 2.9)]).all()
 
 
+def test_a_revolution_in_several_messages_is_assembled_and_reported(start_node, peer, scans, truth):
+    node = start_node()
+    found, lidar = peer.subscribe(Odometry, 'odom'), Loudspeaker(peer, LaserScan, 'scan')
+    geometry, kept = scans[0].geometry, scans[:8]
+    size, step = geometry.size // 12, (kept[1].stamp - kept[0].stamp) // 12
+    sectors = [changed(scan, angle_min=geometry.angle_min + k * size * geometry.angle_increment,
+                       ranges=scan.ranges[k * size:(k + 1) * size].tolist(),
+                       header=scan_to_message(restamped([scan], [scan.stamp + k * step])[0]).header)
+               for scan in kept for k in range(12)]
+    lidar.until(lambda: found, sectors[0])
+    # The revolutions begin with the second sector.
+    for first in range(1, len(sectors) - 11, 12):
+        lidar.tell(*sectors[first:first + 12])
+        stamp = in_nanoseconds(sectors[first].header.stamp)
+        peer.until(lambda stamp=stamp: in_nanoseconds(found[-1].header.stamp) == stamp)
+    assert distances(found[-7:], truth[:7]).max() < 0.05
+    said(node, 'a revolution comes in up to', peer)
+
+
 def test_every_nth_scan_is_used(start_node, player, scans, truth):
     start_node('-p', 'input.every_nth:=4')
     player.wait_for_node(TIMEOUT)

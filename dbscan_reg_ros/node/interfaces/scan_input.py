@@ -13,6 +13,7 @@ from ...core.scan import SECOND, in_nanoseconds
 from ...robot.mask import corrected_stamp
 from ...robot.parameter_groups import LASER_SCAN, POINT_CLOUD, InputParameters
 from ...robot.recent_stamps import RecentStamps
+from ...robot.revolution import Revolution
 from ...robot.sensors import name_in_frame
 from .endpoints import subscription
 from .graph_checks import incompatibilities
@@ -122,6 +123,7 @@ class ScanInbox:
         self.parameters = parameters
         self.received = self.dropped = 0
         self.stamps = RecentStamps()
+        self._revolution, self._noted = Revolution(), False
         self.frame = ''
         self.source, self.passed = source, passed
         self._node = node
@@ -187,7 +189,14 @@ class ScanInbox:
         self._timer.reset()
 
     def put(self, message: ScanMessage) -> None:
-        """Keep a scan that has arrived until it is processed."""
+        """Keep a message that has arrived, or the scan that it completes, until that is processed."""
+        for whole in self._revolution.add(message):
+            self._put(whole)
+        if self._revolution.note and not self._noted:
+            self._noted = True
+            self._node.get_logger().warning(f'{self.name}: {self._revolution.note}')
+
+    def _put(self, message: ScanMessage) -> None:
         self.received += 1
         if (self.received - 1) % self.parameters.every_nth:
             return

@@ -8,6 +8,7 @@ import numpy as np
 from ...core.errors import RecordingError, ScanError
 from ...core.geometry.mounting import Mounting, MountingError
 from ...core.scan import Scan, in_nanoseconds
+from ...robot.revolution import Revolution
 from ...robot.sensors import FRAME_MARK, name_in_frame
 from ..playback import ODOMETRY, RENAMED, Channel, Played, inputs_of, of_robot, only
 from ..poses import PoseError, compose, corrected, planar
@@ -65,6 +66,7 @@ class Bag(Recording):
         self._recorded = self.topic
         self._clouds = point_clouds if self.topic in points else None
         self._reader: CloudReader | None = None
+        self._geometry = None
         odometry = of_robot(odometry, self._kinds, self._recorded)
         self._truth_topic = only(name for name in odometry if 'truth' in name)
         self._laser_topic = only(name for name in odometry if 'laser_pose' in name)
@@ -130,7 +132,7 @@ class Bag(Recording):
 
     def play(self, channels):
         """Yield `Played` in order of record time: each readable scan, and each message of `channels` as bytes."""
-        geometry, watch = None, ScanWatch()
+        watch, revolution = ScanWatch(), Revolution()
         wanted = {channel.recorded: channel for channel in channels}
         for number, topic, time, message in self._messages([self._recorded], wanted):
             if topic in wanted:
@@ -139,18 +141,25 @@ class Bag(Recording):
             if self._frame and _frame_of(message) != self._frame:
                 continue
             self._look(watch, ScanFields.from_message(message))
+            yield from self._played(revolution.add(message), number, time)
+        if revolution.note:
+            self.note(revolution.note)
+            yield from self._played(revolution.rest(), number, time)
+
+    def _played(self, messages, number, time):
+        """Yield the `Played` of each of the `messages` of scans; `number` of the last one on its topic."""
+        for message in messages:
             try:
-                scan = self._scan_of(message, geometry)
+                scan = self._scan_of(message)
             except ScanError as error:
-                self._report(f'{self.path.name}: scan {number} on {topic} skipped: {error}')
+                self._report(f'{self.path.name}: scan {number} on {self._recorded} skipped: {error}')
                 continue
-            geometry = scan.geometry
+            self._geometry = scan.geometry
             yield Played(scan, time)
 
-    def _scan_of(self, message, geometry) -> Scan:
-        """Return the scan of a message; `geometry` is that of the last scan."""
+    def _scan_of(self, message) -> Scan:
         if not self._clouds:
-            return Scan.from_message(message, geometry)
+            return Scan.from_message(message, self._geometry)
         self._reader = self._reader or self._clouds.reader(self.path, self.topic, message.header.frame_id)
         return self._reader.scan(message)
 
