@@ -76,8 +76,9 @@ def measure(args) -> Report:
     cache = args.cache or root() / 'results' / 'fingerprint'
     commit = resolved(args.against)
     report = Report()
+    (cache / 'trees').mkdir(parents=True, exist_ok=True)
+    other = built(commit, cache / 'trees')
     with tempfile.TemporaryDirectory() as scratch:
-        other = unpacked(commit, Path(scratch))
         given = made_inputs(groups, folder, (args.limit, args.quick), cache / 'inputs')
         comparisons = recorded_and_compared(given, other, commit, cache / 'records', Path(scratch))
     for comparison in comparisons:
@@ -119,14 +120,27 @@ def resolved(commit) -> str:
     return _git('rev-parse', '--verify', '--quiet', f'{commit}^{{commit}}').decode().strip()
 
 
-def unpacked(commit, scratch) -> Path:
-    """Return a folder with the files of a commit."""
-    folder = scratch / commit
-    with tarfile.open(fileobj=io.BytesIO(_git('archive', '--format=tar', commit))) as archive:
-        # The archive is that of git itself; older Pythons know no filter.
-        options: dict = {'filter': 'data'} if hasattr(tarfile, 'data_filter') else {}
-        archive.extractall(folder, **options)
+def built(commit, cache) -> Path:
+    """Return a folder with the files of a commit and its compiled steps, which are built once; BenchmarkError if not."""
+    folder = cache / commit[:12]
+    if not folder.exists():
+        with tempfile.TemporaryDirectory(dir=cache) as scratch, \
+                tarfile.open(fileobj=io.BytesIO(_git('archive', '--format=tar', commit))) as archive:
+            # The archive is that of git itself; older Pythons know no filter.
+            options: dict = {'filter': 'data'} if hasattr(tarfile, 'data_filter') else {}
+            archive.extractall(Path(scratch, commit), **options)
+            compile_steps(Path(scratch, commit))
+            Path(scratch, commit).rename(folder)
     return folder
+
+
+def compile_steps(tree):
+    """Build the compiled steps of a source tree in place; BenchmarkError with what the compiler said last."""
+    words = [sys.executable, 'setup.py', 'build_ext', '--inplace']
+    result = subprocess.run(words, cwd=tree, env=_environment(tree, beside=root() / 'build' / 'tools'),
+                            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+    if result.returncode or not any((tree / PACKAGE).rglob('*.so')):
+        raise BenchmarkError(f'{tree}: cannot be compiled: {"".join(result.stdout.strip().splitlines()[-1:])}')
 
 
 def made_inputs(groups, folder, size, cache) -> list:
@@ -180,16 +194,21 @@ def make(group, folder, limit, target):
 
 
 def _environment(tree, beside=None, **more):
-    """Variables of a process that finds the package in that tree and nowhere else; `beside`: another folder of modules.
-
-    Both trees run the numpy reference: the compiled steps may be built in one of them only, and differ in the last
-    bits.
-    """
+    """Variables of a process that finds the package in that tree and nowhere else; `beside`: another folder of modules."""
     inherited = [folder for folder in os.environ.get('PYTHONPATH', '').split(os.pathsep)
                  if folder and not Path(folder, PACKAGE).exists()]
     folders = [os.fspath(folder) for folder in (tree, beside) if folder is not None]
-    return os.environ | ONE_THREAD | {'PYTHONPATH': os.pathsep.join([*folders, *inherited]),
-                                      'DBSCAN_REG_PURE': '1'} | more
+    return os.environ | ONE_THREAD | {'PYTHONPATH': os.pathsep.join([*folders, *inherited])} | more
+
+
+def build(tree):
+    """Compile the package of a source tree in place; BenchmarkError with the last line of the compiler if it fails."""
+    words = [sys.executable, 'setup.py', 'build_ext', '--inplace']
+    result = subprocess.run(words, cwd=tree, env=_environment(tree), stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                            text=True, check=False)
+    built = result.returncode == 0 and any((tree / PACKAGE).rglob('*.so'))
+    if not built:
+        raise BenchmarkError(f'{tree}: cannot be compiled: {"".join(result.stdout.strip().splitlines()[-1:])}')
 
 
 class Recorder:
