@@ -51,12 +51,7 @@ def reference_settings(parameters: Parameters) -> list[str]:
     """Return the names of parameters set to what no compiled step knows: the reference runs the steps of these."""
     rotation, translation = parameters.rotation, parameters.translation
     settings = {
-        'advanced.rotation.clustering': rotation.clustering != 'built_in',
         'rotation.min_samples': rotation.min_samples > 1,
-        'advanced.rotation.median_scale': rotation.median_scale > 0.0,
-        'advanced.translation.form': translation.form != 'signed',
-        'advanced.translation.clustering': translation.clustering != 'built_in',
         'translation.min_samples': translation.min_samples > 1,
-        'advanced.selection.method': parameters.selection.method == 'divergence',
     }
     return [name for name, is_set in settings.items() if is_set]

@@ -57,6 +57,6 @@ def ready_made() -> list:
 
 
 def parameter_file(name) -> Path:
-    """Return the path of a parameter file: `name`, or the file of the parameter set with this name, as ``paper``."""
+    """Return the path of a parameter file: `name`, or the file of the parameter set with this name, as ``lds``."""
     path = Path(name)
     return config_folder() / f'{name}.yaml' if not path.exists() and name in ready_made() else path

@@ -46,6 +46,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_data(parser)
     add_parameters(parser, otherwise='; for a snapshot, the parameters stored in it; with other parameters, its scans '
                    'are registered again, without a prior')
+    parser.add_argument('--method', choices=('dbscan', 'paper'), default='dbscan', help='dbscan: this package; paper: '
+                        'the literal method of the paper, which has no parameters and no check of its result '
+                        '(default: dbscan)')
     parser.add_argument('--truth', metavar='FILE', help='the true poses of the (first) sensor, from which the error '
                         'is computed: TUM, or the columns index,x,y,theta (default: the true poses in the recording or '
                         'in a file beside it, if any)')
@@ -87,6 +90,8 @@ def register(args):
 
     path, parameters = find_recording(args.file, args.data), args.params_file and read_parameters(args.params_file)
     args.topic = scan_topics(args.topic, parameters or NodeParameters())
+    if args.method == 'paper':
+        _check_paper(args, path)
     if parameters:
         note_unused('register', args.params_file, parameters, _used(len(args.topic) > 1))
     if args.truth and (args.figure4 or path.suffix == '.npz'):
@@ -97,7 +102,7 @@ def register(args):
         pair = _of_snapshot(path, args.numbers, parameters)
     else:
         pair = _of_recording(path, args, parameters)
-    steps = _steps(pair)
+    steps = _steps(pair, args.method)
     print('\n'.join(describe(steps, pair.timing or Timing(), args.verbose, pair.lidars)), flush=True)
     if args.no_figures:
         return
@@ -109,10 +114,21 @@ def register(args):
     print(f'figures     {folder}')
 
 
-def _steps(pair):
-    """Return the `Steps` that register a `Pair`."""
+def _check_paper(args, path):
+    """Raise CommandError for what the method of the paper does not know."""
+    if args.params_file:
+        raise CommandError(f'--method paper --params-file {args.params_file}: expected no parameters; the open values '
+                           'of the paper are constants in core/paper')
+    if path.suffix == '.npz':
+        raise CommandError(f'{path}: a snapshot holds registrations of the node; --method paper expects a recording')
+
+
+def _steps(pair, method):
+    """Return the `Steps` that register a `Pair` with a `method`."""
     from ..figures.steps import ScanSteps, Steps
 
+    if method == 'paper':
+        return Steps.of_paper(pair.reference, pair.current, pair.truth)
     each = [pair.parameters] * PAIR
     if pair.limits:
         each = [replace(pair.parameters, scan=limits) for limits in pair.limits]

@@ -10,10 +10,11 @@ import numpy as np
 from ..core.errors import DbscanRegError, ScanError
 from ..core.features.extraction import extract_features
 from ..core.geometry.se2 import SE2
+from ..core.paper.pipeline import ScanLines
+from ..core.paper.pipeline import register as register_literally
 from ..core.parameters.tree import Parameters
 from ..core.registration.pipeline import register
 from ..core.registration.records import Prior, Status
-from ..paths import config_folder
 from ..requirements import missing_line
 from .baselines import Result, icl, icp, idc
 
@@ -103,13 +104,18 @@ def _dbscan(name):
 
 
 def _paper(name):
-    return _ours(paper_parameters(), name)
+    def prepare(scan):
+        try:
+            return ScanLines.of(scan)
+        except ScanError:
+            return None
 
+    def align(reference, current, guess=None):
+        if reference is None or current is None:
+            return Result(SE2(), Status.FAILED)
+        return register_literally(reference, current)
 
-def paper_parameters() -> Parameters:
-    """Return the parameters of the paper's method, from ``config/paper.yaml``."""
-    from ..robot.parameter_files import read_parameters
-    return read_parameters(config_folder() / 'paper.yaml')
+    return Method(name, prepare, align)
 
 
 def _baseline(module):

@@ -37,7 +37,8 @@ def _k_distances(axes, steps):
     eps = np.degrees(steps.rotations.eps)
     axes.plot(np.arange(1, len(distances) + 1), np.degrees(distances), color='black', linewidth=1.2)
     axes.axhline(eps, label='eps', **EPS)
-    origin = 'as given' if steps.parameters.rotation.eps else 'from the knee, within its bounds'
+    given = steps.by_paper or steps.parameters.rotation.eps
+    origin = 'as given' if given else 'from the knee, within its bounds'
     axes.set(title=f'eps {eps:.2f} deg, {origin}', xlabel='rank by the distance to the k-th neighbour',
              ylabel=f'distance, k = {k} [deg]', ylim=(0.0, max(3.0 * eps, 0.1)))
     grid(axes)
@@ -73,24 +74,20 @@ def draw_translation(figure, steps):
 
 def explain_translation(steps):
     """Return the caption of the translation samples."""
-    ends = steps.parameters.translation.form == 'signed'
-    return (f'Two pairs of lines give a sample{", and so does a pair of end points" if ends else ""}. '
+    ends = '' if steps.by_paper else ', and so does a pair of end points'
+    return (f'Two pairs of lines give a sample{ends}. '
             'Near the true translation usually many samples agree.'
-            + (' The divergences of the densities select one cluster.' if _of_paper(steps) else ''))
-
-
-def _of_paper(steps):
-    return steps.parameters.selection.method == 'divergence'
+            + (' The divergences of the densities select one cluster.' if steps.by_paper else ''))
 
 
 def _stage(steps):
     """Return the stage of the search that is drawn, as a text; the method of the paper has one stage."""
-    return '' if _of_paper(steps) else ' of the normal search'
+    return '' if steps.by_paper else ' of the normal search'
 
 
 def _result(steps):
     """Return the name of the result in legends: the method of the paper does not refine it."""
-    return 'result' if _of_paper(steps) else 'result, refined'
+    return 'result' if steps.by_paper else 'result, refined'
 
 
 def _count(clusters):

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..core.geometry.se2 import SE2
 from ..core.geometry.tolerance import SIGMAS
-from ..core.registration.paper.divergence import log_density, shifted_divergences, silverman
+from ..core.paper.divergence import log_density, shifted_divergences, silverman
 from .style import BLUE, GREY, grid, legend, panels
 
 PLACES = 400
@@ -14,12 +14,11 @@ def draw_densities(figure, steps):
     """Draw the kernel densities of the x and y coordinates of both scans in the four states of the paper's figures."""
     states = _states(steps.registration.transform)
     axes = panels(figure, *([f'{state} {name}' for state in states] for name in 'xy'))
-    parameters = steps.parameters.divergence
     for state, motion in states.items():
         moved, total = motion.apply(steps.current.features.points), 0.0
         for name, reference, current in zip('xy', steps.reference.features.points.T, moved.T):
-            panel, bandwidth = axes[f'{state} {name}'], parameters.bandwidth or silverman(reference)
-            divergence, = shifted_divergences(reference, current, np.zeros(1), bandwidth, parameters)
+            panel, bandwidth = axes[f'{state} {name}'], silverman(reference)
+            divergence, = shifted_divergences(reference, current, np.zeros(1), bandwidth)
             total += divergence
             _draw(panel, reference, current, bandwidth)
             panel.set(title=f'K-L divergence {divergence:.3f}', xlabel=f'{name} [m]')

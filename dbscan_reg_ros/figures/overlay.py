@@ -46,8 +46,8 @@ def draw_overlay(figure, steps):
     low, high = drawn(axes['before'], axes['after'])
     plane(axes['before'], 'before', low, high)
     confidence = f', confidence {registration.confidence:.2f}' if registration.evidence else ''
-    title = (f'after{confidence}: {100.0 * registration.overlap:.0f} % of the points '
-             f'fit;\n{len(matched)} pairs of segments match')
+    fit = '' if steps.by_paper else f': {100.0 * registration.overlap:.0f} % of the points fit'
+    title = f'after{confidence}{fit};\n{len(matched)} pairs of segments match'
     plane(axes['after'], title, low, high)
     _draw_ellipse(axes['ellipse'], registration, steps.truth)
     legend(axes['legend'], 4, axes['after'], axes['ellipse'])

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Registration of two scans step by step, with the result of each step."""
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..core.features.extraction import extract_from_returns
-from ..core.features.records import Features
 from ..core.features.returns import admitted_returns
 from ..core.features.ring_band import ring_band_filter
 from ..core.geometry.se2 import SE2, as_vectors, wrap
+from ..core.paper.pipeline import ScanLines, solve
 from ..core.parameters.tree import Parameters
 from ..core.registration.dbscan import k_distances
 from ..core.registration.landmarks import landmarks
@@ -27,7 +28,8 @@ class ScanSteps:
 
     Attributes
     ----------
-    features : Features
+    features : Features or ScanLines
+        The latter by the method of the paper.
     measured, filtered : (N, 2) float [m]
         Points before and after the ring band filter; not finite if the beam has no return or its point was removed.
     outcome : (N,) int
@@ -38,7 +40,7 @@ class ScanSteps:
         Positions of the landmarks in `features`.
     """
 
-    features: Features
+    features: Any
     measured: np.ndarray
     filtered: np.ndarray
     outcome: np.ndarray
@@ -51,9 +53,14 @@ class ScanSteps:
         returns = admitted_returns(scan, parameters.scan)
         features = extract_from_returns(returns, parameters)
         filtered, outcome = ring_band_filter(returns.points, returns.noise, parameters.filter)
-        with_landmarks = parameters.selection.method == 'density'
-        known = as_vectors(landmarks(features, parameters)) if with_landmarks else np.empty((0, 2))
+        known = as_vectors(landmarks(features, parameters))
         return cls(features, returns.points, filtered, outcome, features.breaks, known)
+
+    @classmethod
+    def of_paper(cls, scan: Scan) -> 'ScanSteps':
+        """Run the steps of the method of the paper on a scan; raise ScanError if the scan has too few returns."""
+        lines = ScanLines.of(scan)
+        return cls(lines, lines.measured, lines.filtered, lines.outcome, lines.breaks, np.empty((0, 2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +73,8 @@ class Steps:
     rotations : Rotations
     translations : Translations
     registration : Registration
-    parameters : Parameters
+    parameters : Parameters or None
+        None by the method of the paper, which has none.
     truth : SE2 or None
         True motion, drawn where it is known.
     """
@@ -76,7 +84,7 @@ class Steps:
     rotations: Rotations
     translations: Translations
     registration: Registration
-    parameters: Parameters
+    parameters: Any
     truth: SE2 | None = None
 
     @classmethod
@@ -104,6 +112,18 @@ class Steps:
         return cls(earlier, later, rotations, translations,
                    registration or register(earlier.features, later.features, p), p, truth)
 
+    @classmethod
+    def of_paper(cls, reference: Scan, current: Scan, truth: SE2 | None = None) -> 'Steps':
+        """Return the steps of the method of the paper; raise ScanError if a scan has too few returns."""
+        earlier, later = ScanSteps.of_paper(reference), ScanSteps.of_paper(current)
+        found = solve(earlier.features, later.features)
+        return cls(earlier, later, found.rotations, found.translations, found.registration, None, truth)
+
+    @property
+    def by_paper(self) -> bool:
+        """Whether these are the steps of the method of the paper."""
+        return self.parameters is None
+
     @property
     def scans(self) -> tuple:
         """(name, `ScanSteps`) of the reference and of the current scan."""
@@ -125,5 +145,5 @@ class Steps:
 
     def rotation_distances(self):
         """Return the sorted distances [rad] of the angle differences to their k-th neighbour (k-dist graph), and k."""
-        k = max(self.parameters.rotation.min_samples - 1, 1)
+        k = 1 if self.by_paper else max(self.parameters.rotation.min_samples - 1, 1)
         return k_distances(self.rotations.difference.ravel(), k), k

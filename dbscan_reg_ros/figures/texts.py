@@ -105,7 +105,7 @@ def describe(steps, timing, covariance=False, lidars=None) -> list:
     lines = [f'status      {status_text(found)}{reason}',
              *(lidars.lines(found.transform, truth) if lidars else
                _describe_motion('transform', found.transform, truth))]
-    if truth is not None and found.status is not Status.OK:
+    if truth is not None and found.status is not Status.OK and not steps.by_paper:
         score, overlap = steps.score_at(truth)
         lines.append(f'            at the true motion: score {fixed(score, 3)}, overlap {overlap:.3f}')
     lines += [f'sigma       {_sigma(found.covariance)}, in the frame of the current scan']
@@ -115,7 +115,9 @@ def describe(steps, timing, covariance=False, lidars=None) -> list:
     if timing.interval is not None:
         lines.append(f'time        {fixed(timing.interval, 3)} s from the reference to the current scan')
     lines += _describe_motion_during_scan(steps, timing)
-    lines += [f'overlap     {found.overlap:.3f}', *_describe_evidence(found)]
+    if not steps.by_paper:
+        lines.append(f'overlap     {found.overlap:.3f}')
+    lines += _describe_evidence(found)
     if found.degenerate_direction is not None:
         degrees = fixed(math.degrees(found.degenerate_direction), 1)
         lines.append(f'unobservable translation along {degrees} deg of the reference')

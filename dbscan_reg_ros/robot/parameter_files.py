@@ -53,7 +53,7 @@ Made by `python -m dbscan_reg_ros.robot.parameter_files --write`, as is
 def read_parameters(path: str | Path, node: str = NODE_NAME) -> NodeParameters:
     """Read the parameters that a file sets for `node`; all other parameters have their defaults.
 
-    `path` is the path of a parameter file, or the name of a ready-made one, such as ``paper`` or ``lds``.
+    `path` is the path of a parameter file, or the name of a ready-made one, such as ``lds``.
 
     A section has the name of the node, with or without its namespace, or a wildcard (``/**``). The parts of a
     parameter's name may be nested or joined by dots. Sections of other nodes are ignored.

@@ -28,7 +28,6 @@ from .bounds import at_least, at_most
 from .report import Report
 
 WORLDS = {'rooms': rooms, 'corridor': corridor, 'hall': hall}
-NO_SENSOR = 'paper'
 DEFAULTS = 'defaults'
 LIDARS_OF = {'lds': ('lds', 'lds_02'), 'rplidar_a': ('rplidar_a', 'rplidar_a1')}
 """File -> lidars that it is for, where these have other names."""
@@ -71,7 +70,7 @@ def measure(args) -> Report:
 
     from dbscan_reg_ros.commands.workers import workers
 
-    files = [name for name in ready_made() if name != NO_SENSOR]
+    files = ready_made()
     chosen = args.sensor or files
     if unknown := [name for name in chosen if name not in files]:
         raise BenchmarkError(f'--sensor {unknown[0]}: expected {", ".join(files)}')

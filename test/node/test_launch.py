@@ -32,8 +32,8 @@ from dbscan_reg_ros.robot.parameter_groups import SOURCES
 from dbscan_reg_ros.robot.parameters import MOUNTINGS
 
 FILES = 'scan_matcher', 'play'
-SENSORS = ['hokuyo_urg04lx', 'hokuyo_utm30lx', 'ldrobot_ld19', 'lds', 'lds_01', 'lds_03', 'omron_os32c', 'paper',
-           'rplidar_a', 'rplidar_s', 'sick_lms5xx', 'sick_tim', 'ydlidar_g', 'ydlidar_g6', 'ydlidar_tg', 'ydlidar_x2',
+SENSORS = ['hokuyo_urg04lx', 'hokuyo_utm30lx', 'ldrobot_ld19', 'lds', 'lds_01', 'lds_03', 'omron_os32c', 'rplidar_a',
+            'rplidar_s', 'sick_lms5xx', 'sick_tim', 'ydlidar_g', 'ydlidar_g6', 'ydlidar_tg', 'ydlidar_x2',
            'ydlidar_x4']
 TRANSFORMS = [('/tf', 'tf'), ('/tf_static', 'tf_static')]
 COMMON = {'namespace': '', 'remap_tf': 'true', 'scan_topic': '', 'sensor': '', 'params_file': '', 'odom_frame': '',

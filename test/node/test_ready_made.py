@@ -42,7 +42,7 @@ def test_parameter_files_of_sensors_are_taken(root, sensor):
 
 def test_every_parameter_file_of_ours_is_known(root):
     files = {path.stem for path in (root / 'config').glob('*.yaml')}
-    assert files - {'scan_matcher', 'paper', 'ekf'} == set(SENSORS)
+    assert files - {'scan_matcher', 'ekf'} == set(SENSORS)
 
 
 def test_rviz_shows_what_the_node_publishes(root, topics):

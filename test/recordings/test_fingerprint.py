@@ -5,7 +5,7 @@ import subprocess
 import numpy as np
 import pytest
 from benchmarks.__main__ import main
-from benchmarks.fingerprint import fingerprint
+from benchmarks.fingerprint import comparison, fingerprint
 from benchmarks.fingerprint.inputs import PLACE, inputs, mounted, places
 
 from dbscan_reg_ros import SE2
@@ -87,11 +87,11 @@ def test_the_first_scan_that_differs_and_the_largest_difference_are_found(tmp_pa
     np.savez(tmp_path / 'a.npz', pose=pose, status=status)
     pose[3, 1], pose[5, 2], status[5] = 1e-300, -0.25, 'no'
     np.savez(tmp_path / 'b.npz', pose=pose, status=status)
-    found = fingerprint.compare('drive', tmp_path / 'a.npz', tmp_path / 'b.npz')
+    found = comparison.compare('drive', tmp_path / 'a.npz', tmp_path / 'b.npz')
     assert found.first == 3 and found.differing.tolist() == [False, False, False, True, False, True]
     assert found.largest == {'pose': 0.25, 'status': 1.0}
     assert str(found) == '2 differ, from 3 on; largest difference: pose 0.25, status 1'
-    same = fingerprint.compare('drive', tmp_path / 'a.npz', tmp_path / 'a.npz')
+    same = comparison.compare('drive', tmp_path / 'a.npz', tmp_path / 'a.npz')
     assert same.first is None and str(same) == 'equal'
 
 

@@ -13,7 +13,8 @@ from benchmarks.views import two_views
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.registration.records import Status
-from dbscan_reg_ros.evaluation.methods import method, paper_parameters
+from dbscan_reg_ros.evaluation.methods import method
+from dbscan_reg_ros.figures.steps import Steps
 from dbscan_reg_ros.simulation import rooms
 
 ABSOLUTE = ((0.0319, 0.0185, 0.0076), (0.0031, 0.002, 0.0056), (0.0232, 0.0065, 0.0027), (0.0011, 0.007, 0.0038))
@@ -99,7 +100,7 @@ def test_the_papers_steps_find_what_its_figures_show(intel_log):
     Figure 6: the rotation; 8: two key clusters, one opposite; 9 to 12: the divergence has its minimum at the truth.
     """
     trial = figure4.trial(intel_log.scans[figure4.EXAMPLE])
-    found = steps.found(trial, paper_parameters())
+    found = steps.found(trial, Steps.of_paper(trial.reference, trial.current))
     assert found['turn_deg'] < math.degrees(0.001)
     assert found['true_m'] < 0.02 and found['opposite_m'] < 0.02
     assert found['true_kl'] < 1e-3 < found['turned_kl'] < found['before_kl'] < found['opposite_kl']

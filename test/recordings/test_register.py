@@ -119,18 +119,28 @@ def test_a_relation_gives_the_true_motion_in_both_directions():
 
 def test_a_parameter_set_is_named_like_a_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert read_parameters('paper') == read_parameters(parameter_file('paper')) != NodeParameters()
-    write_parameters('paper')
-    assert read_parameters('paper') == NodeParameters(), 'a file of this name comes first'
-    with pytest.raises(ParameterError, match=r'^papers: cannot be read: No such file.*expected the path of a parameter '
-                                             r'file, or the name of a ready-made one: hokuyo_urg04lx, .*, paper'):
-        read_parameters('papers')
+    assert read_parameters('lds') == read_parameters(parameter_file('lds')) != NodeParameters()
+    write_parameters('lds')
+    assert read_parameters('lds') == NodeParameters(), 'a file of this name comes first'
+    with pytest.raises(ParameterError, match=r'^ldss: cannot be read: No such file.*expected the path of a parameter '
+                                             r'file, or the name of a ready-made one: hokuyo_urg04lx, .*, lds'):
+        read_parameters('ldss')
+
+
+def test_a_parameter_of_the_paper_leads_to_its_method(intel, tmp_path, capsys):
+    (tmp_path / 'old.yaml').write_text('/**: {ros__parameters: {advanced: {rotation: {directed: false}}}}')
+    assert intel(REFERENCE, CURRENT, '--params-file', tmp_path / 'old.yaml') == 2
+    error = capsys.readouterr().err
+    assert 'advanced.rotation.directed' in error and '--method paper' in error and error.count('\n') == 1
+    (tmp_path / 'own.yaml').write_text('/**: {ros__parameters: {rotation: {eps: 0.02}}}')
+    assert intel(REFERENCE, CURRENT, '--method', 'paper', '--params-file', tmp_path / 'own.yaml') == 2
+    assert 'expected no parameters' in capsys.readouterr().err
 
 
 def test_the_paper_to_the_letter_with_a_truth_of_ones_own(intel, data, tmp_path, capsys):
     stamps = open_recording(data / 'intel' / 'intel.log.gz').stamps()
     write_tum(tmp_path / 'own.tum', [stamps[CURRENT], stamps[REFERENCE]], [(0.0, 1.0, 0.0), (0.0, 0.0, math.pi / 2)])
-    assert intel(REFERENCE, CURRENT, '--params-file', 'paper', '--truth', tmp_path / 'own.tum') == 0
+    assert intel(REFERENCE, CURRENT, '--method', 'paper', '--truth', tmp_path / 'own.tum') == 0
     text = capsys.readouterr().out
     x, y, degrees = printed_motion(text)
     assert math.dist((x, y), TRUTH[:2]) < 0.05 and '\nhypotheses  2, best first\n' in text
@@ -296,7 +306,7 @@ def test_scans_without_any_line_are_drawn_as_well(tmp_path):
 
 
 def test_a_failed_registration_has_no_heading_and_no_minus_zero():
-    steps = SimpleNamespace(registration=failed('nothing fits'), truth=None)
+    steps = SimpleNamespace(registration=failed('nothing fits'), truth=None, by_paper=False)
     text = '\n'.join(describe(steps, Timing()))
     assert 'status      failed: nothing fits\n' in text and ' m  heading unknown, in the frame' in text
     assert '-0.0' not in text and 'deg' not in text.split('sigma')[1] and heading_text(16.0) == 'heading unknown'
@@ -305,7 +315,7 @@ def test_a_failed_registration_has_no_heading_and_no_minus_zero():
 
 def test_scans_that_last_are_noted_where_the_sensor_moves():
     found = Registration(SE2(0.2, 0.0, math.radians(20.0)), np.diag((1e-6, 1e-6, 1e-6)), Status.OK)
-    steps = SimpleNamespace(registration=found, truth=None)
+    steps = SimpleNamespace(registration=found, truth=None, by_paper=False)
     for moved, text in (((0.025, math.radians(2.5)), 'up to 0.025 m and 2.50 deg'),
                         (None, 'at 90 deg/s it would be 9.0')):
         line, = (each for each in describe(steps, Timing(0.4, 0.1, moved)) if each.startswith('note'))
@@ -350,12 +360,13 @@ def test_the_ellipse_holds_95_per_cent():
 
 
 @pytest.mark.parametrize('name', FIGURES)
-@pytest.mark.parametrize('parameters', ['scan_matcher', 'paper'])
-def test_no_words_of_a_figure_lie_on_others(pair, root, name, parameters):
+@pytest.mark.parametrize('steps_of', [lambda *pair: Steps.of(*pair, Parameters()), Steps.of_paper],
+                         ids=['dbscan', 'paper'])
+def test_no_words_of_a_figure_lie_on_others(pair, name, steps_of):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     figure = Figure(figsize=SIZE, layout='constrained')
-    steps = Steps.of(*pair, read_parameters(root / 'config' / f'{parameters}.yaml'))
+    steps = steps_of(*pair)
     FIGURES[name].draw(figure, steps)
     figure.supxlabel(FIGURES[name].caption(steps), fontsize='medium')
     FigureCanvasAgg(figure).draw()

@@ -65,7 +65,7 @@ def test_a_log_holds_the_same_scans_and_the_same_truth(simulated):
 
 def test_there_is_a_lidar_for_every_file_of_a_sensor(root):
     assert list(PRESETS) == sorted(simulation.PRESETS)
-    assert {path.stem for path in (root / 'config').glob('*.yaml')} - set(PRESETS) == {'scan_matcher', 'paper', 'ekf'}
+    assert {path.stem for path in (root / 'config').glob('*.yaml')} - set(PRESETS) == {'scan_matcher', 'ekf'}
 
 
 @pytest.mark.parametrize('name', ['bag', 'a.log.gz'])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
-from ..geometry.se2 import as_complex, wrap
+from ..geometry.se2 import as_complex
 from ..geometry.tolerance import SIGMAS
 from ..parameters.features import RingBandParameters
 
@@ -74,10 +74,7 @@ def ring_band_filter(points: FloatArray, noise: float,
     outcome = np.zeros(len(points), dtype=int)
     if parameters.test == 'off' or len(points) <= 2 * INNER:
         return points, outcome
-    if parameters.test == 'anchor':
-        candidate, inner, outer, deviation = _anchor_outliers(points, parameters)
-    else:
-        candidate, inner, outer, deviation = _consensus_outliers(points, noise, parameters)
+    candidate, inner, outer, deviation = _consensus_outliers(points, noise, parameters)
     if not candidate.any():
         return points, outcome
     gross = deviation > (parameters.gross_error or np.inf)
@@ -99,35 +96,6 @@ def _inner_mean(points: FloatArray) -> tuple[FloatArray, BoolArray]:
     mean = np.full_like(points, np.nan)
     mean[1:-1] = (points[:-2] + points[1:-1] + points[2:]) / (2 * INNER + 1)
     return mean, np.isfinite(mean[:, 0])
-
-
-def _anchor_outliers(points: FloatArray, parameters: RingBandParameters) -> _Outliers:
-    """Compare slopes from the beam before the ring (Eq. 3) with the median slope of the ring, as in the paper.
-
-    Beams without a return are skipped. The first four and the last three returns have no full ring and are not tested.
-    A ring is also not tested if two neighbours in it, without the candidate, lie farther apart than `jump`.
-    """
-    size = len(points)
-    candidate, inner, outer = np.zeros(size, dtype=bool), np.zeros(size, dtype=int), np.zeros(size, dtype=int)
-    deviation = np.zeros(size)
-    found = _Outliers(candidate, inner, outer, deviation)
-    returns = np.flatnonzero(np.isfinite(points[:, 0]))
-    rings = len(returns) - 2 * RING - 1
-    if rings < 1:
-        return found
-    band = points[returns[np.arange(rings)[:, None] + np.arange(2 * RING + 2)]]
-    anchor, ring, centre = band[:, :1], band[:, 1:], returns[RING + 1:len(returns) - RING]
-    slope = np.arctan2(*np.moveaxis(ring - anchor, 2, 0)[::-1])
-    slope = wrap(slope - slope[:, RING:RING + 1])
-    others = np.delete(band, RING + 1, axis=1)
-    widest = np.hypot(*np.moveaxis(np.diff(others, axis=1), 2, 0)).max(axis=1)
-    outlier = np.abs(slope - np.median(slope, axis=1, keepdims=True)) > parameters.slope_tolerance
-    outlier &= (widest <= parameters.jump)[:, None]
-    candidate[centre] = outlier[:, RING]
-    inner[centre] = outlier[:, RING - INNER:RING + INNER + 1].sum(axis=1)
-    outer[centre] = outlier.sum(axis=1)
-    deviation[centre] = np.hypot(*(ring[:, RING] - 0.5 * (ring[:, RING - 1] + ring[:, RING + 1])).T)
-    return found
 
 
 class _Lines(NamedTuple):

@@ -5,11 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
-from ..geometry.line_fit import Lines, fit_lines, fit_sections
+from ..geometry.line_fit import Lines, fit_lines
 from ..geometry.se2 import as_complex, as_vectors, unit_complex
 from ..geometry.tolerance import SAME, SIGMAS, TINY
 from ..parameters.features import SegmentParameters
-from .corners import slope_stretches
 from .point_sequence import PointSequence
 from .records import EndKind, Segments
 
@@ -85,14 +84,8 @@ class _Pieces(NamedTuple):
 
 def _fitted(sequence: PointSequence, noise: FloatArray, parameters: SegmentParameters) -> _Fitted:
     """Cut the surfaces at corners and fit a line to each piece."""
-    points, moments = sequence.points, sequence.moments
-    if parameters.corners == 'slope':
-        first, last = slope_stretches(sequence, noise, parameters)
-        size, lines = last - first + 1, fit_sections(moments, first, last, parameters.sections)
-    else:
-        (first, last, size, _), lines = _straight_pieces(sequence, noise, parameters)
-        if parameters.sections:
-            size, lines = last - first + 1, fit_sections(moments, first, last, parameters.sections)
+    points = sequence.points
+    (first, last, size, _), lines = _straight_pieces(sequence, noise, parameters)
     x, y = lines.centre
     centre, along = as_complex(np.column_stack((x, y))), unit_complex(lines.angle)
     along[((points[last] - points[first]) * along.conj()).real < 0.0] *= -1.0

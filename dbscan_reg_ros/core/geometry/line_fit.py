@@ -62,43 +62,6 @@ def fit_lines(moments: FloatArray, count: FloatArray | IntArray) -> Lines:
     return Lines(mean[:2], 0.5 * np.arctan2(xy, apart), half + root, np.maximum(half - root, 0.0))
 
 
-def fit_sections(total: FloatArray, first: IntArray, last: IntArray, sections: int) -> Lines:
-    """Fit lines to the means of equal sections of each range of points (Eq. 7; the paper takes five).
-
-    Every section has the weight 1 (W of Eq. 7). In a range of fewer points than sections, each point is a section.
-
-    Parameters
-    ----------
-    total : (5, P + 1) float
-        `summed_moments` of the scan.
-    first, last : (S,) int
-        First and last point of each range, both inclusive.
-    sections : int
-        Number of sections; 0 fits the line to all points.
-
-    Returns
-    -------
-    Lines
-        Lines through the means; `spread` and `residual` are computed from all points.
-    """
-    count = last - first + 1
-    moments = total[:, last + 1] - total[:, first]
-    if sections == 0:
-        return fit_lines(moments, count)
-    edges = first[:, None] + count[:, None] * np.arange(sections + 1) // sections
-    size = np.diff(edges, axis=1)
-    means = np.diff(total[:2, edges], axis=2) / np.maximum(size, 1)
-    filled = size > 0
-    line = fit_lines((point_moments(*means) * filled).sum(axis=2), filled.sum(axis=1))
-    mean = moments / count
-    xx, xy, yy = _covariance(mean)
-    c, s = np.cos(line.angle), np.sin(line.angle)
-    offset = c * (mean[1] - line.centre[1]) - s * (mean[0] - line.centre[0])
-    spread = c * c * xx + 2.0 * c * s * xy + s * s * yy
-    residual = s * s * xx - 2.0 * c * s * xy + c * c * yy + offset * offset
-    return Lines(line.centre, line.angle, np.maximum(spread, 0.0), np.maximum(residual, 0.0))
-
-
 def _covariance(mean: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return xx, xy, yy of the covariance [m^2] from the mean moments ``(5, S)``."""
     mx, my, xx, xy, yy = mean

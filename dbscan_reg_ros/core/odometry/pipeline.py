@@ -15,7 +15,6 @@ from ..features.small_objects import with_poles
 from ..geometry.se2 import SE2
 from ..parameters.features import ScanParameters
 from ..parameters.tree import Parameters
-from ..registration.pipeline import load_strategies
 from ..registration.records import Prior, Status
 from ..scan import Scan
 from . import update
@@ -71,7 +70,6 @@ class Odometry:
 
     @parameters.setter
     def parameters(self, parameters: Parameters) -> None:
-        load_strategies(parameters)
         self._parameters, self._search_parameters = parameters, search_parameters(parameters)
         self._limited: dict[ScanParameters, Parameters] = {}
 

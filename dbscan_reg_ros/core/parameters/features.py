@@ -48,11 +48,9 @@ class RingBandParameters(ParameterGroup):
     """Ring band filter (Eq. 3-4)."""
 
     test: str = parameter(
-        'consensus', choices=('anchor', 'consensus', 'off'),
-        help='Outlier test of the ring band filter: consensus, anchor (as in the paper) or off (no filter). With '
-             'consensus, a beam is an outlier if it lies on no line through two other beams of its ring. With anchor, '
-             'a beam is an outlier if the slope of the line to it from the beam before the ring differs from the '
-             'median slope of the ring.')
+        'consensus', choices=('consensus', 'off'),
+        help='Outlier test of the ring band filter: consensus or off (no filter). With consensus, a beam is an outlier '
+             'if it lies on no line through two other beams of its ring.')
     inner_threshold: int = parameter(
         2, unit='beams', bounds=(1, 4),
         help='Threshold T1 of Eq. 4: an outlier is removed if its inner ring of three beams contains at least this '
@@ -66,14 +64,6 @@ class RingBandParameters(ParameterGroup):
         0.05, unit='m', bounds=(0.0, 100.0),
         help='An outlier farther than this from the line of its neighbours is removed instead of being averaged. '
              'Larger values average more outliers; 0 averages all of them.')
-    slope_tolerance: float = parameter(
-        0.2, unit='rad', bounds=(0.001, 3.2),
-        help='With the anchor test, a slope that differs from the median slope of its ring by more than this is an '
-             'outlier. Larger values find fewer outliers; smaller values find more, including corners.')
-    jump: float = parameter(
-        0.5, unit='m', bounds=(0.01, 100.0),
-        help='The anchor test skips rings in which two neighbouring points are farther apart than this. Larger values '
-             'also test beams beside range jumps; smaller values test fewer beams.')
     relative_tolerance: float = parameter(
         0.01, bounds=(0.0, 1.0),
         help='Tolerance of the consensus test as a fraction of the range, to which three standard deviations of the '
@@ -100,22 +90,6 @@ class SegmentParameters(ParameterGroup):
         8, unit='beams', bounds=(1, 1000),
         help='Two neighbouring points that are more than this many beams apart lie on different surfaces. Larger '
              'values bridge more beams without a return; smaller values cut surfaces at such gaps.')
-    corners: str = parameter(
-        'split', choices=('split', 'slope'),
-        help='Corner detection: split (the point farthest from the chord of a surface) or slope (a jump in the slope '
-             'of the ranges, as in the paper).')
-    corner_thresholds: int = parameter(
-        64, bounds=(2, 10000),
-        help='Number of thresholds dk_th of Eq. 6 that slope corner detection tries. Larger values give a better '
-             'threshold and take longer; smaller values are faster.')
-    corner_penalty: float = parameter(
-        200.0, bounds=(0.0, 1e6),
-        help='Cost of each segment in slope corner detection, in units of the squared range noise. Larger values give '
-             'fewer and longer segments; 0 minimises the mean fitting error only, which gives the most segments.')
-    sections: int = parameter(
-        0, bounds=(0, 1000),
-        help='Number of equal sections of a segment; its line is fitted to the mean points of the sections (Eq. 7; the '
-             'paper uses 5). Fewer sections average more points in each; 0 fits the line to all points.')
     split_distance: float = parameter(
         0.03, unit='m', bounds=(0.0, 10.0),
         help='A surface is split at the point farthest from its chord if the distance of this point exceeds this '

@@ -7,7 +7,6 @@ from .schema import ParameterGroup, parameter
 
 MAX_COUNT = 10000
 """Upper limit of every parameter that the wide search multiplies."""
-_CLUSTERINGS = 'built_in', 'scikit_learn'
 
 
 @dataclass(frozen=True)
@@ -16,16 +15,6 @@ class RotationParameters(ParameterGroup):
 
     BASIC = 'eps', 'min_samples'
 
-    directed: bool = parameter(
-        True, help='If true, a line keeps the direction in which the beams pass it, and rotations are unique modulo 2 '
-                   'pi. If false, lines have no direction, as in the paper, and rotations are unique modulo pi.')
-    weighted: bool = parameter(
-        True, help='If true, a pair of lines is weighted by the length of the shorter one. If false, all pairs weigh '
-                   'the same, as in the paper.')
-    clustering: str = parameter(
-        'built_in', choices=_CLUSTERINGS,
-        help='Implementation of DBSCAN over angle differences: built_in (fast) or scikit_learn '
-             '(sklearn.cluster.DBSCAN). built_in gives the same clusters as scikit_learn.')
     eps: float = parameter(
         0.0, unit='rad', bounds=(0.0, 3.2),
         help='Neighbourhood radius of DBSCAN over angle differences. Larger values merge clusters; smaller values '
@@ -46,10 +35,6 @@ class RotationParameters(ParameterGroup):
         0.1, unit='rad', bounds=(0.0, 6.4),
         help='A rotation cluster wider than this is clustered again with half the neighbourhood radius. Larger values '
              'accept wider clusters; smaller values split more; 0 never clusters again.')
-    median_scale: float = parameter(
-        0.0, unit='rad', bounds=(0.0, 3.2),
-        help='Distance from the median of a rotation cluster at which a sample keeps half its weight in the mean. '
-             'Smaller values make the mean more robust; 0 disables this weighting.')
     max_hypotheses: int = parameter(
         5, bounds=(1, MAX_COUNT),
         help='Number of rotation clusters that become hypotheses, those with the largest weight first. Larger values '
@@ -62,11 +47,6 @@ class TranslationParameters(ParameterGroup):
 
     BASIC = 'eps', 'min_samples'
 
-    form: str = parameter(
-        'signed', choices=('signed', 'squared'),
-        help='Equation from which two pairs of matched lines give a translation: signed (directed lines give one '
-             'translation) or squared (Eq. 15 of the paper, which does not determine the signs and gives four '
-             'translations).')
     parallel_sigma: float = parameter(
         0.06, unit='rad', bounds=(0.0001, 1.6),
         help='Standard deviation of the angle between two lines that are matched as parallel (eps1 of Eq. 12). Larger '
@@ -84,10 +64,6 @@ class TranslationParameters(ParameterGroup):
         1.0, bounds=(0.0, 100.0),
         help='Weight of matched end points relative to pairs of lines. Larger values give corners and free ends more '
              'weight; 0 uses lines only.')
-    clustering: str = parameter(
-        'built_in', choices=_CLUSTERINGS,
-        help='Implementation of DBSCAN over translations: built_in (fast) or scikit_learn (sklearn.cluster.DBSCAN). '
-             'built_in gives the same clusters as scikit_learn.')
     eps: float = parameter(
         0.06, unit='m', bounds=(0.0001, 100.0),
         help='Neighbourhood radius of DBSCAN over translations. Larger values merge clusters; smaller values split '
@@ -154,10 +130,6 @@ class DensityParameters(ParameterGroup):
 class SelectionParameters(ParameterGroup):
     """Selection of one hypothesis among many."""
 
-    method: str = parameter(
-        'density', choices=('density', 'divergence'),
-        help='Selection among translation clusters: density (pre-selection, refinement and score on the likelihood '
-             'field) or divergence (smallest K-L divergence within the key clusters, as in the paper).')
     max_clusters: int = parameter(
         20, bounds=(1, MAX_COUNT),
         help='Number of translation clusters that become hypotheses, those with the largest weight first. Larger '
@@ -216,22 +188,6 @@ class SelectionParameters(ParameterGroup):
         help='Two hypotheses are the same motion if their rotations differ by less than this, and their translations '
              'by less than advanced.selection.same_distance. Larger values keep fewer distinct hypotheses; smaller '
              'values keep more.')
-
-
-@dataclass(frozen=True)
-class DivergenceParameters(ParameterGroup):
-    """Densities of the x and y coordinates (Eq. 16-18) and their K-L divergence (Eq. 19-21)."""
-
-    BASIC = 'bandwidth',
-
-    bandwidth: float = parameter(
-        0.0, unit='m', bounds=(0.0, 100.0),
-        help='Bandwidth h of Eq. 16. Larger values smooth the densities; smaller values keep details; 0 applies '
-             "Silverman's rule for each axis of the reference.")
-    grid: int = parameter(
-        200, bounds=(2, 100000),
-        help='Number of positions along each axis at which the densities are compared. Larger values approximate the '
-             'integral better and take longer; smaller values are faster.')
 
 
 @dataclass(frozen=True)

@@ -167,6 +167,9 @@ class ParameterTree:
         groups: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
             if name not in known:
+                if name in _OF_PAPER:
+                    raise ParameterError(f'{name} belongs to the method of the paper, which has no parameters any '
+                                         'more; run it with --method paper (register, compare)')
                 raise ParameterError(f'unknown parameter {name!r}; {suggest(name, known)}')
             group, field = known[name]
             (groups.setdefault(group, {}) if group else own)[field.name] = check(_describe(name, field), value)
@@ -254,6 +257,15 @@ def _describe(name: str, field: 'dataclasses.Field[Any]') -> Description:
 
 def _article(kind: type) -> str:
     return {float: 'a number', int: 'a whole number', bool: 'true or false', str: 'a text'}[kind]
+
+
+_OF_PAPER = frozenset((
+    'advanced.filter.slope_tolerance', 'advanced.filter.jump', 'advanced.segments.corners',
+    'advanced.segments.corner_thresholds', 'advanced.segments.corner_penalty', 'advanced.segments.sections',
+    'advanced.rotation.directed', 'advanced.rotation.weighted', 'advanced.rotation.clustering',
+    'advanced.rotation.median_scale', 'advanced.translation.form', 'advanced.translation.clustering',
+    'advanced.selection.method', 'divergence.bandwidth', 'advanced.divergence.grid'))
+"""Parameters of earlier versions."""
 
 
 def suggest(name: str, names: Iterable[str]) -> str:

@@ -12,7 +12,6 @@ from .registration import (
     DecisionParameters,
     DegeneracyParameters,
     DensityParameters,
-    DivergenceParameters,
     RefinementParameters,
     RotationParameters,
     SelectionParameters,
@@ -35,7 +34,6 @@ class Parameters(ParameterTree):
     translation: TranslationParameters = dataclasses.field(default_factory=TranslationParameters)
     density: DensityParameters = dataclasses.field(default_factory=DensityParameters)
     selection: SelectionParameters = dataclasses.field(default_factory=SelectionParameters)
-    divergence: DivergenceParameters = dataclasses.field(default_factory=DivergenceParameters)
     refinement: RefinementParameters = dataclasses.field(default_factory=RefinementParameters)
     degeneracy: DegeneracyParameters = dataclasses.field(default_factory=DegeneracyParameters)
     decision: DecisionParameters = dataclasses.field(default_factory=DecisionParameters)

@@ -12,12 +12,10 @@ from ..geometry.array_types import FloatArray
 from ..parameters.tree import Parameters
 from ..scan import Scan
 from .landmarks import landmark_motions
-from .paper.clustering import choose_clustering
 from .records import Prior, Registration, Status
 from .scoring import within_gate
 from .search import Candidates, Problem, SearchStage
 from .selection import select_by_density
-from .translation import choose_translation_form
 
 
 def register(reference: Scan | Features, current: Scan | Features, parameters: Parameters = Parameters(),
@@ -56,9 +54,6 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
     backend = backend or default_backend()
     reference, current = (as_features(each, parameters, backend) for each in (reference, current))
     problem = Problem(reference, with_common_noise(reference, current), parameters, prior)
-    if parameters.selection.method == 'divergence':
-        from .paper.divergence import select_by_divergence
-        return select_by_divergence(problem)
     if first_stage is SearchStage.WIDE:
         return search_wide(problem)
     if first_stage is SearchStage.NEAR and prior is not None:
@@ -139,17 +134,3 @@ def needs_wide_search(found: Registration, problem: Problem) -> bool:
         return False
     return found.score < p.wide_search_score or (problem.prior is None and found.status is not Status.OK)
 
-
-def load_strategies(parameters: Parameters) -> None:
-    """Import the variants that the `parameters` choose, so that the first registration is not delayed by the import.
-
-    Raises
-    ------
-    ParameterError
-        When a package that a chosen variant needs is not installed.
-    """
-    choose_clustering(parameters.rotation.clustering)
-    choose_clustering(parameters.translation.clustering)
-    choose_translation_form(parameters.translation.form)
-    if parameters.selection.method == 'divergence':
-        from .paper import divergence  # noqa: F401

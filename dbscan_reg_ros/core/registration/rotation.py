@@ -10,8 +10,7 @@ from ..features.records import Segments
 from ..geometry.array_types import BoolArray, FloatArray, IntArray
 from ..geometry.se2 import wrap
 from ..parameters.registration import RotationParameters
-from .dbscan import NOISE, k_distances, knee, recluster, unlabelled, without_gaps
-from .paper.clustering import choose_clustering
+from .dbscan import NOISE, dbscan_line, k_distances, knee, recluster, unlabelled, without_gaps
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +48,8 @@ def estimate_rotations(reference: Segments, current: Segments, weights: FloatArr
                        parameters: RotationParameters) -> Rotations:
     """Cluster all angle differences (Eq. 9) with DBSCAN; the clusters with the largest weights become hypotheses.
 
-    Directed segments give differences unique modulo 2 pi, undirected ones modulo pi. Clusters wider than
-    `rotation.max_width` are chains of several rotations and are clustered again with half the neighbourhood.
+    Segments have a direction, so the differences are unique modulo 2 pi. Clusters wider than `rotation.max_width`
+    are chains of several rotations and are clustered again with half the neighbourhood.
 
     Parameters
     ----------
@@ -60,7 +59,7 @@ def estimate_rotations(reference: Segments, current: Segments, weights: FloatArr
         Weight of each pair of segments, from `pair_weights`.
     parameters : RotationParameters
     """
-    period = 2.0 * math.pi if parameters.directed else math.pi
+    period = 2.0 * math.pi
     difference: FloatArray = wrap_period(reference.direction[:, None] - current.direction, period)
     samples = difference.ravel()
     eps = parameters.eps or (knee_eps(samples, parameters) if len(samples) else 0.0)
@@ -71,16 +70,14 @@ def estimate_rotations(reference: Segments, current: Segments, weights: FloatArr
     rank[order] = np.arange(len(order))
     ranked = unlabelled(len(samples))
     ranked[clusters.members] = rank[clusters.index]
-    phi = clusters.means(parameters.median_scale)[order]
+    phi = clusters.means()[order]
     return Rotations(phi, clusters.weight[order], difference, ranked.reshape(difference.shape), eps)
 
 
 def cluster_angles(samples: FloatArray, eps: float, period: float, parameters: RotationParameters) -> IntArray:
     """Return the cluster ``(N,)`` of each angle [rad] on a circle of circumference `period`."""
-    clustering = choose_clustering(parameters.clustering)
-
     def cluster(chosen: IntArray, ratio: float) -> IntArray:
-        return clustering.dbscan_line(samples[chosen], ratio * eps, parameters.min_samples, period=period)
+        return dbscan_line(samples[chosen], ratio * eps, parameters.min_samples, period=period)
 
     def is_chain(chosen: IntArray, found: IntArray) -> BoolArray:
         first = np.empty(found.max() + 1)
@@ -97,8 +94,6 @@ def cluster_angles(samples: FloatArray, eps: float, period: float, parameters: R
 
 def pair_weights(reference: Segments, current: Segments, parameters: RotationParameters) -> FloatArray:
     """Return the weight ``(n, m)`` of each pair: the shorter length [m], reduced if the directions are uncertain."""
-    if not parameters.weighted:
-        return np.ones((len(reference), len(current)))
     variance = reference.sigma_direction[:, None] ** 2 + current.sigma_direction ** 2
     shorter: FloatArray = np.minimum(reference.length[:, None], current.length)
     return shorter / (1.0 + variance / parameters.max_width ** 2) if parameters.max_width else shorter
@@ -155,24 +150,9 @@ class _Clusters:
         offset = wrap_period(samples[members] - first[index], period)
         return cls(members, index, first, offset, sample_weight[members], weight)
 
-    def means(self, median_scale: float) -> FloatArray:
-        """Return the weighted mean [rad] of each cluster.
-
-        With a `median_scale` [rad] above 0, a sample at this distance from the median of its cluster has half weight.
-        """
-        weight = self.sample_weight
-        if median_scale > 0.0:
-            distance = self.offset - _medians(self.offset, self.index)[self.index]
-            weight = weight / (1.0 + (distance / median_scale) ** 2)
-        mean = np.bincount(self.index, weight * self.offset) / np.bincount(self.index, weight)
+    def means(self) -> FloatArray:
+        """Return the weighted mean [rad] of each cluster."""
+        mean = np.bincount(self.index, self.sample_weight * self.offset) / self.weight
         wrapped: FloatArray = wrap(self.first + mean)
         return wrapped
 
-
-def _medians(values: FloatArray, group: IntArray) -> FloatArray:
-    """Return the median of the values of each group; groups are numbered from 0."""
-    ordered = values[np.lexsort((values, group))]
-    count = np.bincount(group)
-    first = np.cumsum(count) - count
-    medians: FloatArray = 0.5 * (ordered[first + (count - 1) // 2] + ordered[first + count // 2])
-    return medians

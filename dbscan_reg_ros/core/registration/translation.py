@@ -12,8 +12,7 @@ from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import DOF, as_complex, as_vectors, grouped_sum, unit_complex
 from ..geometry.symmetric_matrix import solve
 from ..parameters.registration import TranslationParameters
-from .dbscan import NOISE, pairs_before, recluster, unlabelled, without_gaps
-from .paper.clustering import choose_clustering
+from .dbscan import NOISE, dbscan_plane, pairs_before, recluster, unlabelled, without_gaps
 from .point_to_line import NO_STEP, normal_equations
 from .records import TranslationSamples
 from .rotation import Rotations, wrap_period
@@ -56,18 +55,6 @@ class Translations:
         return self.find_shortest()
 
 
-TranslationForm = Callable[[Segments, Segments, Rotations, FloatArray, TranslationParameters], TranslationSamples]
-"""Function: (reference, current scan, rotations, weights ``(n, m)`` of pairs, parameters) -> translation samples."""
-
-
-def choose_translation_form(name: str) -> TranslationForm:
-    """Return the function for the `translation.form` with this `name`; the paper's form is imported only if chosen."""
-    if name == 'squared':
-        from .paper.squared_translation import squared_form
-        return squared_form
-    return signed_form
-
-
 def estimate_translations(reference: Segments, current: Segments, rotations: Rotations, weights: FloatArray,
                           parameters: TranslationParameters) -> Translations:
     """Cluster the translations from pairs of matched lines and from matched end points, for every rotation.
@@ -81,7 +68,7 @@ def estimate_translations(reference: Segments, current: Segments, rotations: Rot
         Weight of each pair of segments.
     parameters : TranslationParameters
     """
-    samples = choose_translation_form(parameters.form)(reference, current, rotations, weights, parameters)
+    samples = signed_form(reference, current, rotations, weights, parameters)
     eps = 0.0
     if len(samples.translation):
         eps = parameters.eps
@@ -224,11 +211,11 @@ def cluster(samples: ComplexArray, rotation: IntArray, eps: float, parameters: T
     """Cluster the samples (complex [m]) of each rotation; clusters wider than `translation.max_width` are chains."""
     if not len(samples):
         return unlabelled(0)
-    clustering, max_width = choose_clustering(parameters.clustering), parameters.max_width
+    max_width = parameters.max_width
     apart = as_vectors(_separated(samples, rotation, eps))
 
     def cluster_chosen(chosen: IntArray, ratio: float) -> IntArray:
-        return clustering.dbscan_plane(apart[chosen], ratio * eps, parameters.min_samples)
+        return dbscan_plane(apart[chosen], ratio * eps, parameters.min_samples)
 
     def is_chain(chosen: IntArray, found: IntArray) -> BoolArray:
         values, weight = samples[chosen], np.bincount(found)

@@ -12,7 +12,6 @@ import tarfile
 import tempfile
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from dbscan_reg_ros.evaluation.methods import BenchmarkError
 from dbscan_reg_ros.recordings import data_folder
 
 from ..report import Report, machine
+from .comparison import compare
 from .inputs import GROUPS, SIMULATED, inputs
 
 PACKAGE = 'dbscan_reg_ros'
@@ -35,38 +35,6 @@ WORKERS = 2
 LONG = ('outages', 'intel', 'intel_wheels', 'trees', 'rooms', 'halls')
 """Begun first, so that nothing long is left over at the end."""
 ONE_THREAD = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1', 'PYTHONHASHSEED': '0'}
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Two records of one drive.
-
-    Attributes
-    ----------
-    drive : str
-    count : int
-        Scans, or pairs.
-    differing : (N,) bool
-        Which of them are not the same to the last bit.
-    largest : dict
-        Name of what was recorded -> largest difference, of all that differ; for texts how many differ.
-    """
-
-    drive: str
-    count: int
-    differing: np.ndarray
-    largest: dict = field(default_factory=dict)
-
-    @property
-    def first(self):
-        """The first that differs; None where none does."""
-        return int(self.differing.argmax()) if self.differing.any() else None
-
-    def __str__(self):
-        if self.first is None:
-            return 'equal'
-        largest = ', '.join(f'{name} {value:.3g}' for name, value in self.largest.items())
-        return f'{self.differing.sum()} differ, from {self.first} on; largest difference: {largest}'
 
 
 def measure(args) -> Report:
@@ -121,7 +89,7 @@ def resolved(commit) -> str:
 
 
 def built(commit, cache) -> Path:
-    """Return a folder with the files of a commit and its compiled steps, which are built once; BenchmarkError if not."""
+    """Return a folder with the files of a commit and its compiled steps, which are built once."""
     folder = cache / commit[:12]
     if not folder.exists():
         with tempfile.TemporaryDirectory(dir=cache) as scratch, \
@@ -194,7 +162,7 @@ def make(group, folder, limit, target):
 
 
 def _environment(tree, beside=None, **more):
-    """Variables of a process that finds the package in that tree and nowhere else; `beside`: another folder of modules."""
+    """Variables of a process that finds the package in a tree and nowhere else; `beside`: more modules."""
     inherited = [folder for folder in os.environ.get('PYTHONPATH', '').split(os.pathsep)
                  if folder and not Path(folder, PACKAGE).exists()]
     folders = [os.fspath(folder) for folder in (tree, beside) if folder is not None]
@@ -285,29 +253,6 @@ def recorded_and_compared(given, other, commit, cache, scratch) -> list:
             jobs = executor.map(both, given)
             found = list(tqdm(jobs, 'fingerprint', len(given), unit=' drives', leave=False, disable=None))
     return sorted(found, key=lambda comparison: comparison.drive)
-
-
-def compare(drive, theirs, ours) -> Comparison:
-    """Two records, bit for bit; what is not a number in both is the same."""
-    with np.load(theirs, allow_pickle=False) as first, np.load(ours, allow_pickle=False) as second:
-        records = [{name: file[name] for name in file.files} for file in (first, second)]
-    count = len(records[0]['pose'])
-    differing, largest = np.zeros(count, dtype=bool), {}
-    for name in records[0]:
-        a, b = (record[name].reshape(count, -1) for record in records)
-        other = different(a, b)
-        if other.any():
-            differing |= other.any(axis=1)
-            largest[name] = float(other.sum()) if a.dtype.kind == 'U' else float(np.nanmax(
-                np.where(other, np.abs(np.nan_to_num(a) - np.nan_to_num(b)), 0.0)))
-    return Comparison(drive, count, differing, largest)
-
-
-def different(a, b):
-    """Where two arrays of texts, or of floats, are not equal to the last bit."""
-    if a.dtype.kind == 'U':
-        return a != b
-    return (a.view(np.int64) != b.view(np.int64)) & ~(np.isnan(a) & np.isnan(b))
 
 
 def table(comparisons, commit) -> str:

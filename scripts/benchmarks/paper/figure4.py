@@ -15,9 +15,9 @@ SCANS = (
     2325, 2617, 2717, 2749, 2844, 2917, 2918, 2977, 3000, 3230, 3295, 3359, 3373, 3441, 3454, 3587, 3602, 3944,
     3955, 4130, 4432, 4535, 4714, 4719, 4769, 4805, 5032, 5151, 5324,
 )
-"""Which scans of the Intel log: 50 drawn by `draw`. The open values of ``config/paper.yaml`` were chosen on them."""
+"""Which scans of the Intel log: 50 drawn by `draw`. The open values of the paper's method were chosen on them."""
 EXAMPLE = 2152
-"""The one of them that is shown step by step: ``config/paper.yaml`` solves it."""
+"""The one of them that is shown step by step: the paper's method solves it."""
 OTHERS = 200
 """Number of further scans, on which no parameter was chosen."""
 TRANSLATION_LIMIT = 0.001

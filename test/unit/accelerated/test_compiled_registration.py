@@ -37,11 +37,10 @@ def test_hypotheses(both, rng, n, m, parallel):
     """Also of parallel and perpendicular walls, whose differences are equal; settings that are the reference's."""
     ours, theirs = segments(rng, n, parallel), segments(rng, m, parallel)
     weights = both(pair_weights, ours, theirs, P.rotation)
-    for p in (changed(P.rotation, weighted=False), changed(P.rotation, max_width=0.0)):
-        both(pair_weights, ours, theirs, p)
-    for p in (P.rotation, changed(P.rotation, directed=False), changed(P.rotation, eps=0.02, max_width=0.02),
+    both(pair_weights, ours, theirs, changed(P.rotation, max_width=0.0))
+    for p in (P.rotation, changed(P.rotation, eps=0.02, max_width=0.02),
               changed(P.rotation, max_width=0.0, max_hypotheses=2), changed(P.rotation, max_width=0.03),
-              changed(P.rotation, min_samples=3), changed(P.rotation, median_scale=0.02)):
+              changed(P.rotation, min_samples=3)):
         rotations = both(estimate_rotations, ours, theirs, weights, p)
         for q in (P.translation, changed(P.translation, eps=0.2), changed(P.translation, max_width=0.0),
                   changed(P.translation, min_samples=2), changed(P.translation, max_pairs=3)):

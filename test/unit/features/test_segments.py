@@ -1,17 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Line segments: breakpoints (Eq. 5), corners (Eq. 6), line fits (Eq. 7), ends."""
-import itertools
 import math
 
 import numpy as np
 import pytest
 from rooms import DEGREE, FULL, HALF, L_ROOM, look, outline
 
-from dbscan_reg_ros.core.features.corners import rank_corners, slope_differences, slope_stretches
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.features.point_sequence import PointSequence, find_breaks
+from dbscan_reg_ros.core.features.point_sequence import find_breaks
 from dbscan_reg_ros.core.features.records import EndKind
-from dbscan_reg_ros.core.geometry.line_fit import fit_sections, summed_moments
 from dbscan_reg_ros.core.geometry.se2 import SE2, as_complex, wrap
 from dbscan_reg_ros.core.parameters.features import SegmentParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
@@ -19,9 +16,6 @@ from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 
 PLAIN = Parameters().replace({'advanced.filter.test': 'off'})
-SLOPE = PLAIN.replace({'advanced.segments.corners': 'slope', 'advanced.segments.sections': 5})
-WAYS = pytest.mark.parametrize('parameters', [PLAIN, PLAIN.replace({'advanced.segments.sections': 5}), SLOPE],
-                               ids=['split', 'split in sections', 'slope'])
 NOISE = 0.005
 
 
@@ -88,95 +82,9 @@ def test_the_threshold_grows_with_range_step_noise_and_missing_beams():
     assert broken(2.0, 0.01, gap=9) and not broken(2.0, 0.01, gap=8)
 
 
-# Corners
-
-
-def test_the_slope_difference_is_that_of_the_paper():
-    """Eq. 6, beam by beam."""
-    scan = look(outline(L_ROOM), noise=0.01)
-    rho, step = scan.ranges.astype(float), scan.geometry.angle_increment
-    found = slope_differences(as_complex(scan.points), rho, np.zeros(359, dtype=bool))
-    for i in range(1, 359):
-        expected = abs((rho[i] - rho[i - 1]) / (rho[i - 1] * step) - (rho[i + 1] - rho[i]) / (rho[i] * step))
-        assert found[i] == pytest.approx(expected, rel=1e-9)
-    assert found[0] == found[-1] == 0.0
-
-
-def test_a_slope_difference_takes_three_points_of_one_surface():
-    scan = look(outline(L_ROOM))
-    breaks = np.zeros(359, dtype=bool)
-    breaks[100] = True
-    found = slope_differences(as_complex(scan.points), scan.ranges.astype(float), breaks)
-    np.testing.assert_array_equal(found[[0, 100, 101, 359]], 0.0)
-    assert (np.delete(found, [0, 100, 101, 359]) > 0.0).all()
-    assert not slope_differences(as_complex(scan.points[:2]), scan.ranges[:2].astype(float), breaks[:1]).any()
-
-
-def test_points_of_nearly_one_bearing_count_as_a_tenth_of_a_step_apart():
-    """Steps of 0.1 rad, of 0 and of -0.001 rad: the last two are taken as 0.01 rad, the third backwards."""
-    bearing, radius = np.cumsum([0.0, 0.1, 0.1, 0.0, -0.001, 0.1]), np.array([2.0, 2.0, 2.1, 2.2, 2.3, 2.3])
-    slope = [0.0, 0.1 / (2.0 * 0.1), 0.1 / (2.1 * 0.01), 0.1 / (2.2 * -0.01), 0.0]
-    found = slope_differences(radius * np.exp(1j * bearing), radius, np.zeros(5, dtype=bool))
-    assert found[1:-1] == pytest.approx(np.abs(np.diff(slope)))
-
-
-def test_only_local_maxima_are_corners_the_greatest_first():
-    rank = rank_corners(np.array([9.0, 1.0, 3.0, 2.0, 2.0, 7.0, 0.0, 5.0]))
-    np.testing.assert_array_equal(rank, [8, 8, 1, 8, 8, 0, 8, 8])
-
-
-def straight_error(points, sections):
-    """Sum of squared distances of the points from the line through the means of equal sections, by SVD."""
-    count = min(len(points), sections) if sections else len(points)
-    edges = len(points) * np.arange(sections + 1) // sections if sections else np.arange(len(points) + 1)
-    means = np.array([points[a:b].mean(axis=0) for a, b in itertools.pairwise(edges) if b > a])
-    assert len(means) == count
-    centre = means.mean(axis=0)
-    normal = np.linalg.svd(means - centre)[2][-1] if count > 1 else np.zeros(2)
-    return (((points - centre) @ normal) ** 2).sum()
-
-
-@pytest.mark.parametrize('sections', [0, 5])
-@pytest.mark.parametrize('penalty', [0.0, 30.0])
-@pytest.mark.parametrize('seed', range(4))
-def test_the_threshold_that_wins_is_the_best_of_all(sections, penalty, seed):
-    """Every threshold in turn, as the paper describes it."""
-    scan = look(outline(L_ROOM), noise=0.01, geometry=ScanGeometry(-math.pi, 4.0 * DEGREE, 90), seed=seed)
-    points, radius, breaks = scan.points, scan.ranges.astype(float), np.zeros(89, dtype=bool)
-    breaks[40] = True
-    difference = slope_differences(as_complex(points), radius, breaks)
-    peaks = [i for i in range(1, 89) if difference[i] > max(difference[i - 1], difference[i + 1])]
-    best = None
-    for threshold in [math.inf, *sorted(difference[peaks] - 1e-12, reverse=True)]:
-        corners = [i for i in peaks if difference[i] > threshold]
-        first, last = sorted([0, 41, *corners]), sorted([40, 89, *corners])
-        errors = [straight_error(points[a:b + 1], sections) for a, b in zip(first, last, strict=True)]
-        cost = sum(errors) / NOISE ** 2 + penalty * len(errors) if penalty else np.mean(errors)
-        if best is None or cost < best[0] - 1e-12:
-            best = cost, first, last
-    parameters = SegmentParameters(corners='slope', corner_penalty=penalty, sections=sections, corner_thresholds=1000)
-    noise = np.full(90, NOISE)
-    first, last = slope_stretches(
-        PointSequence(as_complex(points), radius, np.arange(90), summed_moments(as_complex(points)), breaks, DEGREE),
-                                  noise, parameters)
-    np.testing.assert_array_equal(first, best[1])
-    np.testing.assert_array_equal(last, best[2])
-
-
-def test_the_least_mean_error_cuts_walls_to_pieces_and_the_penalty_does_not():
-    literal = SLOPE.replace({'advanced.segments.corner_penalty': 0.0})
-    counts = []
-    for parameters in (literal, SLOPE):
-        found = [extract_features(look(outline(L_ROOM), noise=0.003, seed=seed), parameters) for seed in range(20)]
-        counts.append(np.mean([len(features.segments) for features in found]))
-    assert counts[0] > 2.0 * counts[1]
-    assert 6.0 <= counts[1] <= 8.0
-
-
-@WAYS
 @pytest.mark.parametrize('noise', [0.0, 0.005])
-def test_corners_lie_where_the_walls_meet(parameters, noise):
-    found = segments_of(outline(L_ROOM), parameters, noise=noise)
+def test_corners_lie_where_the_walls_meet(noise):
+    found = segments_of(outline(L_ROOM), PLAIN, noise=noise)
     at_corners = found.end[found.kinds[:, 1] == EndKind.CORNER]
     assert len(at_corners) >= 4
     nearest = np.linalg.norm(at_corners[:, None] - L_ROOM, axis=2).min(axis=1)
@@ -186,24 +94,22 @@ def test_corners_lie_where_the_walls_meet(parameters, noise):
 # Line fits
 
 
-@WAYS
 @pytest.mark.parametrize('turn', range(0, 360, 15))
-def test_walls_in_every_direction_are_alike(parameters, turn):
+def test_walls_in_every_direction_are_alike(turn):
     """A wall of 4 m at 2 m, in any direction: exact but for the float32 of its ranges."""
     pose = SE2(0.0, 0.0, math.radians(turn))
-    found = segments_of(np.array([[(2.0, -2.0), (2.0, 2.0)]]), parameters, pose)
+    found = segments_of(np.array([[(2.0, -2.0), (2.0, 2.0)]]), PLAIN, pose)
     assert len(found) == 1 + (found.beams[0, 0] == 0)
     np.testing.assert_allclose(wrap(found.direction + pose.theta), 0.5 * math.pi, atol=1e-6)
     np.testing.assert_allclose(pose.apply(found.midpoint)[:, 0], 2.0, atol=1e-6)
     np.testing.assert_allclose(found.length.sum(), 4.0, atol=0.2)
 
 
-@WAYS
 @pytest.mark.parametrize('turn', range(0, 360, 30))
-def test_every_wall_of_a_room_is_found_wherever_the_sensor_looks(parameters, turn):
+def test_every_wall_of_a_room_is_found_wherever_the_sensor_looks(turn):
     """A point at a corner may count for the wrong wall: 1 cm and a degree, for walls of some length."""
     pose = SE2(0.3, 0.2, math.radians(turn))
-    found = segments_of(outline(L_ROOM), parameters, pose)
+    found = segments_of(outline(L_ROOM), PLAIN, pose)
     walls = outline(L_ROOM)
     direction = np.arctan2(*(walls[:, 1] - walls[:, 0]).T[::-1])
     normal = np.stack((-np.sin(direction), np.cos(direction)), axis=1)
@@ -236,49 +142,18 @@ def test_segments_run_counter_clockwise():
     np.testing.assert_allclose(found.direction, np.arctan2(along[:, 1], along[:, 0]), atol=1e-9)
 
 
-@pytest.mark.parametrize('parameters', [PLAIN, PLAIN.replace({'advanced.segments.sections': 5})],
-                         ids=['points', 'sections'])
-def test_errors_of_the_fit_agree_with_its_covariance(parameters):
+def test_errors_of_the_fit_agree_with_its_covariance():
     """A wall 2 m ahead, 100 times with noise: errors in units of their standard deviations."""
     wall = np.array([[(2.0, -2.0), (2.0, 2.0)]])
     direction, offset = [], []
     for seed in range(100):
-        found = segments_of(wall, parameters, geometry=HALF, noise=0.01, seed=seed)
+        found = segments_of(wall, PLAIN, geometry=HALF, noise=0.01, seed=seed)
         assert len(found) == 1
         direction.append(wrap(found.direction[0] - 0.5 * math.pi) / found.sigma_direction[0])
         offset.append((found.midpoint[0, 0] - 2.0) / found.sigma_offset[0])
     assert 0.5 < np.std(direction) < 1.3
     assert 0.5 < np.std(offset) < 1.5
     assert abs(np.mean(direction)) < 0.4
-
-
-@pytest.mark.parametrize('sections', [1, 2, 5, 7])
-def test_sections_are_averaged_and_the_line_is_fitted_to_their_means(sections):
-    rng = np.random.default_rng(0)
-    points = rng.normal(0.0, 1.0, (40, 2)) * (2.0, 0.1) @ SE2(0.0, 0.0, 1.2).rotation().T + (3.0, -2.0)
-    first, last = np.array([0, 3, 10, 20]), np.array([2, 9, 39, 39])
-    centre, angle, spread, residual = fit_sections(summed_moments(as_complex(points)), first, last, sections)
-    for i, (a, b) in enumerate(zip(first, last, strict=True)):
-        own = points[a:b + 1]
-        edges = len(own) * np.arange(sections + 1) // sections
-        means = np.array([own[s:e].mean(axis=0) for s, e in itertools.pairwise(edges) if e > s])
-        np.testing.assert_allclose(centre[:, i], means.mean(axis=0))
-        if len(means) > 1:
-            along = np.linalg.svd(means - means.mean(axis=0))[2][0]
-            assert abs(along @ (np.cos(angle[i]), np.sin(angle[i]))) == pytest.approx(1.0)
-        off = (own - centre[:, i]) @ (-np.sin(angle[i]), np.cos(angle[i]))
-        assert residual[i] == pytest.approx((off ** 2).mean(), rel=1e-6)
-        assert spread[i] == pytest.approx((own @ (np.cos(angle[i]), np.sin(angle[i]))).var(), rel=1e-6)
-
-
-def test_fewer_points_than_sections_are_all_fitted():
-    points = np.random.default_rng(1).normal(0.0, 1.0, (4, 2))
-    for count in (2, 3, 4):
-        first, last = np.array([0]), np.array([count - 1])
-        whole = fit_sections(summed_moments(as_complex(points)), first, last, 0)
-        sections = fit_sections(summed_moments(as_complex(points)), first, last, 5)
-        for one, other in zip(whole, sections, strict=True):
-            np.testing.assert_allclose(other, one, atol=1e-12)
 
 
 def test_short_walls_and_few_points_are_no_segment():
@@ -352,7 +227,6 @@ def test_a_corner_ends_both_of_its_walls():
     np.testing.assert_array_equal(found.end[meeting], found.start[meeting + 1])
 
 
-@WAYS
 def test_a_scan_without_a_line_has_no_segments(parameters):
     rng = np.random.default_rng(3)
     found = extract_features(Scan(0, rng.uniform(1.0, 8.0, 360), FULL), parameters).segments

@@ -29,8 +29,6 @@ LAYERS = (
     {'__init__', '__main__'},
 )
 """What lies directly in the package, lowest layer first, as doc/architecture.md draws it."""
-STRATEGIES = {f'{PACKAGE}.core.registration.paper'}
-"""Folders of variants of their parent's steps: each module counts as one of the parent's."""
 
 
 SOURCE_SUFFIXES = '.py', '.pyx', '.pxi'
@@ -129,8 +127,7 @@ class ImportGraph:
     def _child(module, folder):
         if not module.startswith(f'{folder}.'):
             return ''
-        child = module[len(folder) + 1:].partition('.')[0]
-        return module if f'{folder}.{child}' in STRATEGIES else child
+        return module[len(folder) + 1:].partition('.')[0]
 
 
 def circle(graph):

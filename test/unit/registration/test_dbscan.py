@@ -1,19 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """DBSCAN and its k-dist graph, sample for sample against scikit-learn."""
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from sklearn.cluster import DBSCAN
 from sklearn.neighbors import NearestNeighbors
 
-from dbscan_reg_ros import Odometry, Parameters
-from dbscan_reg_ros.core.errors import ParameterError
-from dbscan_reg_ros.core.parameters.registration import RotationParameters, TranslationParameters
-from dbscan_reg_ros.core.registration import dbscan
 from dbscan_reg_ros.core.registration.dbscan import dbscan_line, dbscan_plane, k_distances, knee
-from dbscan_reg_ros.core.registration.paper.clustering import choose_clustering
 
 SEEDS = range(40)
 
@@ -171,51 +164,3 @@ def partition(labels):
     """The clusters as sets of samples, and the noise."""
     return {frozenset(np.flatnonzero(labels == label))
             for label in set(labels) - {-1}}, frozenset(np.flatnonzero(labels == -1))
-
-
-@pytest.mark.parametrize('seed', SEEDS)
-def test_both_implementations_find_the_same_clusters(seed):
-    samples, eps, min_samples, rng = drawn(seed, 2)
-    weight = rng.integers(0, 5, len(samples)) * 0.5
-    ours, theirs = choose_clustering('built_in'), choose_clustering('scikit_learn')
-    for period in (None, np.pi, 2.0 * np.pi):
-        angles = samples[:, 0] if period is None else samples[:, 0] - period * np.rint(samples[:, 0] / period)
-        for options in ({}, {'sample_weight': weight}):
-            assert partition(theirs.dbscan_line(angles, eps, min_samples, period=period, **options)) == partition(
-                ours.dbscan_line(angles, eps, min_samples, period=period, **options))
-            assert partition(theirs.dbscan_plane(samples, 2.0 * eps, min_samples, **options)) == partition(
-                ours.dbscan_plane(samples, 2.0 * eps, min_samples, **options))
-
-
-@pytest.mark.parametrize('implementation', ['built_in', 'scikit_learn'])
-def test_either_implementation_clusters_across_the_end_of_the_circle_and_equal_angles(implementation):
-    chosen = choose_clustering(implementation)
-    angles = np.array([3.13, 0.0, -3.13, 3.13, -1e-20, np.pi, 0.0])
-    assert chosen.dbscan_line(angles, 0.05, 2, period=2.0 * np.pi).tolist() == [0, 1, 0, 0, 1, 0, 1]
-    assert len(chosen.dbscan_line(np.empty(0), 0.05, 1, period=2.0)) == len(chosen.dbscan_plane(np.empty((0, 2)), 0.05,
-                                                                                                1)) == 0
-
-
-def test_the_built_in_clustering_is_the_default_and_the_papers_is_scikit_learns(root):
-    from dbscan_reg_ros.evaluation.methods import paper_parameters
-    for group in (RotationParameters(), TranslationParameters()):
-        assert choose_clustering(group.clustering) is dbscan
-    paper = paper_parameters()
-    assert paper.rotation.clustering == paper.translation.clustering == 'scikit_learn'
-
-
-def test_scikit_learn_is_imported_when_the_parameters_are_set_and_not_by_default(root):
-    code = ('import sys\nfrom dbscan_reg_ros import Odometry, Parameters\n'
-            'odometry = Odometry()\nassert "sklearn" not in sys.modules\n'
-            'odometry.parameters = Parameters().replace({"advanced.rotation.clustering": "scikit_learn"})\n'
-            'assert "sklearn.cluster" in sys.modules')
-    subprocess.run([sys.executable, '-c', code], cwd=root, check=True)
-
-
-def test_parameters_that_need_scikit_learn_are_refused_where_it_is_not_installed(monkeypatch):
-    for name in ('sklearn', 'sklearn.cluster', 'sklearn.neighbors'):
-        monkeypatch.setitem(sys.modules, name, None)
-    odometry = Odometry()
-    with pytest.raises(ParameterError, match='scikit-learn is not installed; install python3-sklearn'):
-        odometry.parameters = Parameters().replace({'advanced.translation.clustering': 'scikit_learn'})
-    assert odometry.parameters == Parameters()

@@ -19,7 +19,6 @@ from dbscan_reg_ros.figures.overlay import draw_overlay
 from dbscan_reg_ros.figures.sheet import SIZE
 from dbscan_reg_ros.figures.steps import Steps
 from dbscan_reg_ros.recordings.poses import compose
-from dbscan_reg_ros.robot.parameter_files import read_parameters
 from dbscan_reg_ros.simulation import LIDARS
 from dbscan_reg_ros.simulation.raycasting import cast
 
@@ -104,7 +103,7 @@ def test_landmarks_belong_to_the_wide_search_and_are_off_where_that_is_off(drive
     assert differ >= 1
 
 
-def test_the_figure_of_a_pair_shows_the_aligned_landmarks(drive, root):
+def test_the_figure_of_a_pair_shows_the_aligned_landmarks(drive):
     from matplotlib.figure import Figure
     pair = drive.scans[300], drive.scans[340]
     steps = Steps.of(*pair, PARAMETERS)
@@ -115,5 +114,4 @@ def test_the_figure_of_a_pair_shows_the_aligned_landmarks(drive, root):
     draw_overlay(figure, steps)
     shown, = (axes for axes in figure.axes if axes.get_label() == 'after')
     assert {'reference: landmarks', 'current: landmarks'} <= set(shown.get_legend_handles_labels()[1])
-    assert not len(Steps.of(*pair,
-                            read_parameters(root / 'config' / 'paper.yaml')).current.landmarks), 'the paper knows none'
+    assert not len(Steps.of_paper(*pair).current.landmarks), 'the paper knows none'

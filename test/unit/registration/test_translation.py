@@ -1,25 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Translation: pairs of line equations (Eq. 10-15), signed and squared."""
+"""Translation: pairs of line equations (Eq. 10-15)."""
 import dataclasses
 import math
 
 import numpy as np
 import pytest
 from rooms import L_ROOM, look, outline
-from sklearn.cluster import DBSCAN
 
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.records import EndKind, Segments
 from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
 from dbscan_reg_ros.core.parameters.registration import RotationParameters, TranslationParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
-from dbscan_reg_ros.core.registration.paper.squared_translation import line_equations, squared_samples
 from dbscan_reg_ros.core.registration.rotation import Rotations, estimate_rotations, pair_weights
 from dbscan_reg_ros.core.registration.translation import cluster, estimate_translations, match_lines
 
 MOTION = SE2(0.4, -0.3, 0.2)
 LINES_ONLY = TranslationParameters(end_weight=0.0)
-SQUARED = TranslationParameters(form='squared', eps=0.05, max_width=0.0, min_samples=1, parallel_sigma=0.1)
 
 
 def walls(*ends, kind=EndKind.OCCLUSION):
@@ -69,107 +66,22 @@ def test_the_motion_is_among_the_heaviest_hypotheses_for_a_scanned_room(seed):
     assert (np.maximum(off[:, 0], off[:, 1]) + off[:, 2]).min() < 0.05
 
 
-def test_a_squared_equation_knows_the_distance_of_two_parallel_lines():
-    """Eq. 14, with the line y = k x + b and the midpoint of the other's segment."""
-    angle, distance = line_equations(ROOM, moved(ROOM, MOTION), MOTION.theta, SQUARED)
-    assert len(angle) == 4
-    for i, theta in enumerate(ROOM.direction):
-        middle = SE2(0.0, 0.0, MOTION.theta).apply(moved(ROOM, MOTION).midpoint[i])
-        if abs(math.cos(theta)) > 1e-6:
-            k = math.tan(theta)
-            b = ROOM.start[i, 1] - k * ROOM.start[i, 0]
-            expected = abs(k * middle[0] - middle[1] + b) / math.hypot(k, 1.0)
-        else:
-            expected = abs(middle[0] - ROOM.start[i, 0])
-        assert distance[i] == pytest.approx(expected, abs=1e-9)
-        asked = -math.sin(theta) * MOTION.x + math.cos(theta) * MOTION.y
-        assert distance[i] == pytest.approx(abs(asked), abs=1e-9)
-        assert abs(math.remainder(angle[i] - theta, math.pi)) < 1e-9
-
-
-def test_two_squared_equations_have_four_solutions():
-    """Eq. 15: each satisfies both, two and two are opposite, one is the motion."""
-    pair = walls(((0.0, -2.0), (6.0, -2.0)), ((6.0, -2.0), (5.0, 1.0)))
-    current = moved(pair, MOTION)
-    samples = squared_samples(pair, current, MOTION.theta, SQUARED)
-    assert samples.shape == (4, 2)
-    angle, distance = line_equations(pair, current, MOTION.theta, SQUARED)
-    normal = np.stack((-np.sin(angle), np.cos(angle)), axis=1)
-    np.testing.assert_allclose((samples @ normal.T) ** 2, np.tile(distance ** 2, (4, 1)), atol=1e-12)
-    np.testing.assert_allclose(samples, -samples[::-1], atol=1e-12)
-    assert np.linalg.norm(samples - (MOTION.x, MOTION.y), axis=1).min() < 1e-9
-    assert len(np.unique(samples.round(6), axis=0)) == 4
-
-
-def test_the_two_key_clusters_are_opposite_and_the_mixed_signs_scatter():
-    """As regions 1 and 2 of Figure 8."""
-    found = translations(ROOM, moved(ROOM, MOTION), SQUARED, directed=False, weighted=False)
-    assert len(found.samples) == 4 * 6
-    np.testing.assert_array_equal(found.weight[:2], [6.0, 6.0])
-    assert found.weight[2:].max() < 6.0
-    np.testing.assert_allclose(found.transform[0, :2], -found.transform[1, :2], atol=1e-9)
-    key = found.transform[:2, :2]
-    assert np.linalg.norm(key - (MOTION.x, MOTION.y), axis=1).min() < 1e-9
-
-
-def test_clusters_of_the_squared_form_are_those_of_scikit_learn():
-    scans = [look(outline(L_ROOM), pose, noise=0.01, seed=i) for i, pose in enumerate((SE2(), MOTION))]
-    reference, current = (extract_features(scan).segments for scan in scans)
-    found = translations(reference, current, SQUARED, directed=False, weighted=False, eps=0.0566)
-    labels = DBSCAN(eps=0.05, min_samples=1).fit_predict(found.samples)
-    sizes = np.sort(np.bincount(labels))[::-1]
-    np.testing.assert_array_equal(found.weight, sizes)
-    pairs = set(zip(labels, found.labels, strict=True))
-    assert len(pairs) == len(sizes)
-
-
-def test_eps1_shrinks_until_no_more_pairs_are_left_than_the_current_scan_has_segments():
-    """Four lines each of nearly one direction: 16 pairs pass 0.1 rad."""
-    fan = [0.0, 0.011, 0.023, 0.036]
-    reference = walls(*[((0.0, 0.0), (math.cos(a), math.sin(a))) for a in fan])
-    angle, _ = line_equations(reference, reference, 0.0, SQUARED)
-    assert len(angle) == 4
-    np.testing.assert_allclose(angle, fan, atol=1e-12)
-    few = walls(((0.0, 0.0), (1.0, 0.0)))
-    assert len(line_equations(reference, few, 0.0, SQUARED)[0]) == 1
-    assert len(line_equations(few, reference, 0.0, SQUARED)[0]) == 4
-    strict = TranslationParameters(form='squared', parallel_sigma=0.02)
-    assert len(line_equations(few, reference, 0.0, strict)[0]) == 2
-
-
-def test_an_angle_equal_to_eps1_is_too_much():
-    reference, current = walls(((0.0, 0.0), (1.0, 0.0))), walls(((0.0, 0.0), (math.cos(0.1), math.sin(0.1))))
-    turn = float(current.direction[0])
-    assert len(line_equations(reference, current, 0.0, TranslationParameters(parallel_sigma=turn))[0]) == 0
-    assert len(line_equations(reference, current, 0.0, TranslationParameters(parallel_sigma=turn + 1e-9))[0]) == 1
-
-
-def test_a_pair_has_the_mean_direction_of_its_lines_also_across_the_seam():
-    for a, b in ((0.1, 0.16), (math.pi - 0.01, -math.pi + 0.03), (0.5 * math.pi - 0.01, -0.5 * math.pi + 0.03)):
-        one, other = (walls(((0.0, 0.0), (math.cos(v), math.sin(v)))) for v in (a, b))
-        angle, _ = line_equations(one, other, 0.0, SQUARED)
-        middle = a + 0.5 * math.remainder(b - a, math.pi)
-        assert abs(math.remainder(angle[0] - middle, math.pi)) < 1e-9
-
-
-@pytest.mark.parametrize('form', ['signed', 'squared'])
-def test_pairs_that_hardly_cross_give_no_sample(form):
+def test_pairs_that_hardly_cross_give_no_sample():
     """eps2 as the sine of the angle between them."""
     reference = walls(((0.0, 2.0), (3.0, 2.0)), ((0.0, -2.0), (3.0 * math.cos(0.3), -2.0 + 3.0 * math.sin(0.3))))
     for crossing, count in ((math.sin(0.3) + 1e-6, 0), (math.sin(0.3) - 1e-6, 1)):
-        parameters = TranslationParameters(form=form, min_crossing_sine=crossing, parallel_sigma=0.05, end_weight=0.0,
+        parameters = TranslationParameters(min_crossing_sine=crossing, parallel_sigma=0.05, end_weight=0.0,
                                            max_width=0.0)
         found = translations(reference, reference, parameters, eps=0.05)
-        assert len(found.samples) == count * (1 if form == 'signed' else 4)
+        assert len(found.samples) == count
 
 
-@pytest.mark.parametrize('form', ['signed', 'squared'])
-def test_a_corridor_and_an_empty_scan_give_no_sample_from_lines(form):
+def test_a_corridor_and_an_empty_scan_give_no_sample_from_lines():
     corridor = walls(((0.0, 1.0), (5.0, 1.0)), ((5.0, -1.0), (0.0, -1.0)))
     nothing = walls()
-    parameters = TranslationParameters(form=form, end_weight=0.0)
+    parameters = TranslationParameters(end_weight=0.0)
     for reference, current in ((corridor, corridor), (nothing, corridor), (corridor, nothing), (nothing, nothing)):
-        found = translations(reference, current, parameters, directed=form == 'signed')
+        found = translations(reference, current, parameters)
         assert found.samples.shape == (0, 2)
         assert len(found.transform) == len(found.weight) == 0
 

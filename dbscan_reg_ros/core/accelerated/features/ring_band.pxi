@@ -19,7 +19,7 @@ cdef struct Ring:
 
 
 def ring_band_filter(points, double noise, parameters):
-    """Filter the points of a scan by Eq. 4; the test of the paper is the reference's.
+    """Filter the points of a scan by Eq. 4.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ cdef SegmentLimits segment_limits(p) except *:
 
 
 def extract_segments(sequence, const double[::1] noise, parameters):
-    """Extract the line segments of one scan; the corners and sections of the paper are the reference's.
+    """Extract the line segments of one scan.
 
     Parameters
     ----------
@@ -55,8 +55,6 @@ def extract_segments(sequence, const double[::1] noise, parameters):
     Segments
         In beam order.
     """
-    if parameters.corners != 'split' or parameters.sections:
-        return segment_steps.extract_segments(sequence, np.asarray(noise), parameters)
     cdef SegmentLimits limits = segment_limits(parameters)
     cdef const double complex[::1] points = sequence.points
     cdef const double[:, ::1] moments = sequence.moments

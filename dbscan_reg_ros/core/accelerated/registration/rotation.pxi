@@ -10,11 +10,10 @@ def pair_weights(reference, current, parameters):
 cdef weights_of(SegmentViews reference, SegmentViews current, parameters):
     """Return the `pair_weights` ``(n, m)``."""
     cdef double width = parameters.max_width, variance
-    cdef bint weighted = parameters.weighted
     cdef Py_ssize_t i, j
-    weights = np.ones((reference.size, current.size))
+    weights = np.empty((reference.size, current.size))
     cdef double[:, ::1] weight = weights
-    for i in range(reference.size if weighted else 0):
+    for i in range(reference.size):
         for j in range(current.size):
             weight[i, j] = min(reference.length[i], current.length[j])
             if width:
@@ -26,7 +25,7 @@ cdef weights_of(SegmentViews reference, SegmentViews current, parameters):
 def estimate_rotations(reference, current, weights, parameters):
     """Cluster all angle differences (Eq. 9) with DBSCAN; the heaviest clusters are the hypotheses.
 
-    Core samples by more than one neighbour, scikit-learn and means around medians are the reference's.
+    Core samples by more than one neighbour are the reference's.
 
     Parameters
     ----------
@@ -36,7 +35,7 @@ def estimate_rotations(reference, current, weights, parameters):
         From `pair_weights`.
     parameters : RotationParameters
     """
-    if parameters.clustering != 'built_in' or parameters.min_samples > 1 or parameters.median_scale > 0.0:
+    if parameters.min_samples > 1:
         return rotation_steps.estimate_rotations(reference, current, weights, parameters)
     cdef RotationClusters found = RotationClusters(views_of_segments(reference), views_of_segments(current),
                                                    np.ascontiguousarray(weights), parameters)
@@ -53,7 +52,7 @@ cdef class RotationClusters:
     cdef double eps
 
     def __cinit__(self, SegmentViews reference, SegmentViews current, weights, parameters):
-        cdef double period = 2.0 * M_PI if parameters.directed else M_PI
+        cdef double period = 2.0 * M_PI
         cdef Py_ssize_t n = reference.size, m = current.size, size = n * m, i, j
         differences = np.empty((n, m))
         cdef double[::1] samples = differences.reshape(-1)

@@ -5,7 +5,7 @@
 def estimate_translations(reference, current, rotations, weights, parameters):
     """Cluster the translations that follow from pairs of matched lines and from matched end points, for every rotation.
 
-    Squared equations, core samples by more than one neighbour and scikit-learn are the reference's.
+    Core samples by more than one neighbour are the reference's.
 
     Parameters
     ----------
@@ -16,7 +16,7 @@ def estimate_translations(reference, current, rotations, weights, parameters):
         Weight of each pair of segments.
     parameters : TranslationParameters
     """
-    if parameters.form != 'signed' or parameters.clustering != 'built_in' or parameters.min_samples > 1:
+    if parameters.min_samples > 1:
         return translation_steps.estimate_translations(reference, current, rotations, weights, parameters)
     cdef SegmentViews ours = views_of_segments(reference), theirs = views_of_segments(current)
     cdef TranslationClusters found = TranslationClusters(ours, theirs, rotations.difference, rotations.phi,
@@ -64,9 +64,8 @@ def near_motions(problem, prior):
 
 
 cdef bint are_compiled(rotation, translation) except -1:
-    """Whether the steps know the settings: built-in clustering of core samples alone, no medians, signed lines."""
-    return (rotation.clustering == translation.clustering == 'built_in' and translation.form == 'signed'
-            and rotation.min_samples <= 1 and translation.min_samples <= 1 and rotation.median_scale <= 0.0)
+    """Whether the steps know the settings: every sample is a core sample."""
+    return rotation.min_samples <= 1 and translation.min_samples <= 1
 
 
 cdef class MatchedLines:

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: Apache-2.0
-"""The literal variants of the paper, chosen by parameters."""
