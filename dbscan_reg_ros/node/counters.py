@@ -59,6 +59,8 @@ class Counters:
         Where the lidar sees the robot itself.
     skip_reason : str
         Why the latest scan was skipped; empty when it was processed.
+    cause : str
+        What is wrong with the latest scan, if that explains why it is not registered; else empty.
     warnings : dict
         Warnings about scans since the last diagnostics report: kind -> text.
     """
@@ -75,6 +77,7 @@ class Counters:
     mounting: Mounting = field(default_factory=Mounting)
     body: OwnBody = field(default_factory=OwnBody)
     skip_reason: str = ''
+    cause: str = ''
     warnings: dict[Kind, str] = field(default_factory=dict)
 
     def processed_scan(self, update: OdometryUpdate, origin: SE2, sensor_pose: SE2, duration: float) -> None:
@@ -131,7 +134,7 @@ class Counters:
         """Return grade and message of the latest scan; requires that a scan was processed or skipped."""
         if self.skip_reason or self.update is None:
             return Grade.LOST, self.skip_reason
-        reason = self.update.registration.reason if self.update.registration else ''
+        reason = self.cause or (self.update.registration.reason if self.update.registration else '')
         status = self.update.status
         if status is Status.FAILED:
             return Grade.LOST, f'lost: {reason}' if reason else 'lost'

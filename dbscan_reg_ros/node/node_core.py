@@ -174,10 +174,10 @@ class NodeCore:
     def _on_scan(self, lidar: Lidar, message: ScanMessage) -> None:
         if self._services.paused:
             return
-        lidar.counters.add_warnings(lidar.reader.check(message))
+        lidar.counters.add_warnings(lidar.reader.check(message, bool(lidar.competition)))
         due, wrong = lidar.stamps.update(message, self._live.value.time.max_jump)
         if wrong:
-            self._skip(lidar, 'its stamp lies far before those of the scans around it')
+            self._skip(lidar, lidar.competition or 'its stamp lies far before those of the scans around it')
         for scan in due:
             self._process(lidar, scan)
 
@@ -205,6 +205,7 @@ class NodeCore:
         if not update.waits:
             self._priors.processed(scan.stamp, followed)
         self._services.keep(update, prior)
+        lidar.counters.cause = lidar.competition
         self._log_tracking(lidar, update)
         state = base_state(update, self._origin, followed.aligned_pose, self._initial)
         if self._listener:
@@ -223,7 +224,8 @@ class NodeCore:
     def _on_stamps_restart(self, lidar: Lidar) -> None:
         """Reset the odometry; if scans of an earlier lidar are received, only the driver of this one has restarted."""
         if self._trigger.leads(lidar.rank):
-            self._reset(f'{lidar.label}the stamps of the scans start again', InitialPose())
+            self._reset(f'{lidar.label}the stamps of the scans start again{"; " * bool(lidar.competition)}'
+                        f'{lidar.competition}', InitialPose())
         else:
             lidar.stamps.restart()
 
@@ -235,7 +237,7 @@ class NodeCore:
         elif update.restarted:
             lidar.log.warn(update.restarted)
         elif update.status is Status.FAILED and update.registration:
-            lidar.log.warn(f'scan could not be registered: {update.registration.reason}')
+            lidar.log.warn(f'scan could not be registered: {lidar.counters.cause or update.registration.reason}')
 
     def _reset(self, reason: str, initial: InitialPose) -> None:
         """Restart the odometry at the next scan, at which the base has the pose `initial`."""

@@ -62,6 +62,10 @@ class Kind(Enum):
     RANGE_MIN = 'range_min'
 
 
+BETWEEN_SCANS = Kind.BEAMS, Kind.STAMP_EQUAL, Kind.STAMP_BACK, Kind.TIME_INCREMENT
+"""Faults that are found by comparing a scan with those before it."""
+
+
 @dataclass(frozen=True, eq=False)
 class ScanWarning:
     """A fault in the fields of a scan: `text` names the value, the expected one and the remedy."""

@@ -3,11 +3,12 @@
 import array
 import math
 
+import numpy as np
 import pytest
 import rclpy.serialization
 from bags import needs_rosbags, write_bag
 from diagnostic_msgs.msg import DiagnosticArray
-from ros_helpers import Loudspeaker, Parameters, changed, said
+from ros_helpers import Loudspeaker, Parameters, Peer, changed, said
 from sensor_msgs.msg import Image, LaserScan
 
 from dbscan_reg_ros.node.interfaces.messages import stamp_to_message
@@ -88,6 +89,25 @@ def test_play_and_demo_say_it_once_at_their_end(words, cases, start_node, start_
     command = start_command(*words, str(cases / 'millimetres' / 'ranges_and_range_max'))
     peer.until(lambda: not command.running(), 60.0)
     assert command.output().count('the ranges look like millimetres') == 1
+
+
+def test_two_publishers_of_one_lidar_are_named_and_nothing_else_is_accused(start_node, peer, scans):
+    """The lidars look in opposite directions, and the clock of one is 0.15 s behind."""
+    node = start_node('-p', 'input.queue_size:=50')
+    received = peer.listen(DiagnosticArray, '/diagnostics')
+    with Peer('left') as left, Peer('right') as right:
+        speakers = [Loudspeaker(each, LaserScan, 'scan') for each in (left, right)]
+        peer.greet()
+        for scan in scans[:40]:
+            back = array.array('f', np.roll(scan.ranges, 180))
+            for speaker, sent in zip(speakers, (message(scan), message(scan, scan.stamp - 150_000_000)), strict=True):
+                sent.ranges = sent.ranges if speaker is speakers[0] else back
+                speaker.tell(sent)
+        names = '/scan has 2 publishers whose scans have the same frame, /left, /right'
+        said(node, f'scan could not be registered: {names}', peer)
+        peer.until(lambda: any(names in status.message for report in received for status in report.status))
+    assert {text.partition(': expected')[0] for text in warnings(node)} == {names}
+    assert 'max_' not in node.output() and 'stamp' not in node.output()
 
 
 def test_missing_scans_are_logged_at_growing_intervals(start_node, peer):

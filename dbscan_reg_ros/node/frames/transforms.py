@@ -94,7 +94,7 @@ class TransformListener:
     def poll(self) -> None:
         """Process the messages that have arrived on /tf; if `store` is false, also update the subscription to /tf."""
         if self._moving:
-            for message in taken(self._moving):
+            for message, _ in taken(self._moving):
                 self._on_moving(message)
         if self._store:
             return

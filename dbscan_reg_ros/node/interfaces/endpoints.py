@@ -45,7 +45,7 @@ def publisher(node: Node, kind: type, topic: str, quality: QoSProfile | int) -> 
         kind, topic, copy.copy(quality), event_callbacks=NO_PUBLISHER_EVENTS, qos_overriding_options=options))
 
 
-def subscription(node: Node, kind: type, topic: str, callback: Callable[[Any], None],
+def subscription(node: Node, kind: type, topic: str, callback: Callable[..., None],
                  quality: QoSProfile | int) -> Subscription:
     """Create a subscription; parameters and errors are the same as for the function `publisher`."""
     return _made(node, topic, 'subscription', lambda options: node.create_subscription(

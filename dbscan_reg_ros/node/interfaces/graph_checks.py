@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of the ROS graph: incompatible publishers, and publishers that share a topic with ours."""
+from collections import deque
 from collections.abc import Iterable
 
 from rclpy.node import Node
@@ -10,6 +11,8 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 UNKNOWN = '_NODE_NAME_UNKNOWN_'
 """Node name that rmw gives to an endpoint whose node is not discovered yet."""
+RECENT = 20
+"""Number of the latest scans among which changes of the publisher are counted."""
 UNNAMED = 'an unnamed node'
 POLICIES = {'reliability': (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT),
             'durability': (DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.VOLATILE)}
@@ -76,6 +79,45 @@ def _difference(node: Node, topic: str, offered: QoSProfile, requested: QoSProfi
 
 def _words(policy: ReliabilityPolicy | DurabilityPolicy) -> str:
     return str(policy.short_key).replace('_', ' ')
+
+
+class Competition:
+    """Finds out whether several publishers send the scans of one lidar, from the numbers of the messages.
+
+    Each publisher counts its messages. A number that is not above the last one means another publisher, or one that was
+    started again.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        The node that receives the scans.
+    topic : str
+        Topic of the scans.
+    """
+
+    def __init__(self, node: Node, topic: str) -> None:
+        self._node, self._topic, self._text = node, topic, ''
+        self._last: int | None = 0
+        self._changes: deque[bool] = deque(maxlen=RECENT)
+
+    def add(self, number: int | None) -> None:
+        """Add the number of the next message; None if the middleware has none."""
+        self._changes.append(number is None or self._last is None or number <= self._last)
+        self._last = number
+        if not any(self._changes):
+            self._text = ''
+
+    def found(self, changes: int = 1) -> str:
+        """Return a warning with a remedy, if there are several publishers that changed as often; else empty."""
+        if sum(self._changes) < changes:
+            return ''
+        names = sorted(map(full_name, self._node.get_publishers_info_by_topic(self._topic)))
+        # Publishers whose scans still wait may have gone.
+        if names[1:]:
+            self._text = (f'{self._topic} has {len(names)} publishers whose scans have the same frame, '
+                          f'{", ".join(names)}: expected one for each lidar; stop the others, or give each lidar a '
+                          'topic of its own, and name the topics in scan_topics')
+        return self._text
 
 
 def may_send_odometry(node: Node, endpoint: TopicEndpointInfo) -> bool:

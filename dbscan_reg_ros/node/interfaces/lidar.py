@@ -102,6 +102,11 @@ class Lidar:
         """Name of the `Sensor` of its scans, which is the same before and after others are found on its topic."""
         return name_in_frame(self.topic, self.frame) if self._shares else self.topic
 
+    @property
+    def competition(self) -> str:
+        """Warning that several publishers send its scans; empty otherwise."""
+        return self.inbox.competition.found() if self.inbox else ''
+
     def distinguish(self, several: bool, frame: str = '') -> None:
         """Set whether there are `several` lidars, and the `frame` of its scans if others are on its topic."""
         self._several, self.frame = several, frame or self.frame

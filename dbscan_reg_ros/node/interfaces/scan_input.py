@@ -3,6 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Callable
+from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -16,7 +17,7 @@ from ...robot.recent_stamps import RecentStamps
 from ...robot.revolution import Revolution
 from ...robot.sensors import name_in_frame
 from .endpoints import subscription
-from .graph_checks import incompatibilities
+from .graph_checks import Competition, incompatibilities
 from .messages import stamp_to_message
 from .scan_reader import ScanMessage
 from .subscriptions import WakingCallbackGroup, taken
@@ -69,20 +70,20 @@ class ScanTopic:
 
     def take(self, inbox: 'ScanInbox') -> None:
         """Put the scans that have arrived into their inboxes; those other than `inbox` process theirs later."""
-        for message in taken(self._subscription):
-            other = self._put(message)
+        for message, info in taken(self._subscription):
+            other = self._put(message, info)
             if other is not inbox:
                 other.retry_pending()
 
-    def _on_message(self, message: ScanMessage) -> None:
-        inbox = self._put(message)
+    def _on_message(self, message: ScanMessage, info: dict[str, Any]) -> None:
+        inbox = self._put(message, info)
         inbox.process_next()
         inbox.passed()
 
-    def _put(self, message: ScanMessage) -> 'ScanInbox':
+    def _put(self, message: ScanMessage, info: dict[str, Any]) -> 'ScanInbox':
         message.header.frame_id = message.header.frame_id.lstrip('/')
         inbox = self._inbox_of(message.header.frame_id)
-        inbox.put(message)
+        inbox.put(message, info['publication_sequence_number'])
         return inbox
 
 
@@ -114,6 +115,8 @@ class ScanInbox:
         Number of scans received or dropped so far.
     stamps : RecentStamps
         Stamps of the scans that arrived.
+    competition : Competition
+        Publishers of the scans.
     frame : str
         Frame of the scans, if other lidars publish on the topic; else empty.
     """
@@ -125,6 +128,7 @@ class ScanInbox:
         self.stamps = RecentStamps()
         self._revolution, self._noted = Revolution(), False
         self.frame = ''
+        self.competition = Competition(node, source.name)
         self.source, self.passed = source, passed
         self._node = node
         self._patience, self._handle = patience, handle
@@ -188,8 +192,9 @@ class ScanInbox:
         self._timer.timer_period_ns = int(delay * SECOND) + 1
         self._timer.reset()
 
-    def put(self, message: ScanMessage) -> None:
-        """Keep a message that has arrived, or the scan that it completes, until that is processed."""
+    def put(self, message: ScanMessage, number: int | None) -> None:
+        """Keep a message, which its publisher has given a `number`, or the scan that it completes, to be processed."""
+        self.competition.add(number)
         for whole in self._revolution.add(message):
             self._put(whole)
         if self._revolution.note and not self._noted:

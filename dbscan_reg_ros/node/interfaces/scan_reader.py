@@ -11,7 +11,7 @@ from ...core.geometry.mounting import Mounting
 from ...core.geometry.se2 import SE2
 from ...core.scan import Scan, in_nanoseconds
 from ...core.scan_geometry import ScanGeometry
-from ...recordings.scan_checks import ScanChecks, ScanFields, ScanWarning
+from ...recordings.scan_checks import BETWEEN_SCANS, ScanChecks, ScanFields, ScanWarning
 from ...robot.mask import Mask
 from ...robot.parameter_groups import InputParameters
 from ...robot.point_cloud import no_points, scan_from_cloud
@@ -53,9 +53,13 @@ class ScanReader:
         self._geometry: ScanGeometry | None = None
         self._mask = Mask()
 
-    def check(self, message: ScanMessage) -> list[ScanWarning]:
-        """Return the warnings about a scan; log each warning once while its cause lasts."""
+    def check(self, message: ScanMessage, mixed: bool) -> list[ScanWarning]:
+        """Return the warnings about a scan; log each warning once while its cause lasts.
+
+        Scans of several publishers are `mixed`: one is not compared with the next.
+        """
         found: list[ScanWarning] = self._checks.look(ScanFields.from_message(message), self._clock.now().nanoseconds)
+        found = [warning for warning in found if not (mixed and warning.kind in BETWEEN_SCANS)]
         for warning in found:
             if self._warnings.get(warning.kind) is not warning:
                 self._log.warn(warning.text)

@@ -7,11 +7,11 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.subscription import Subscription
 
 
-def taken(subscription: Subscription) -> Iterator[Any]:
-    """Yield the messages of a subscription that have arrived and are not handled yet, one after the other."""
+def taken(subscription: Subscription) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """Yield the messages of a subscription that have arrived and are not handled yet, each with its MessageInfo."""
     with subscription.handle:
-        while message := subscription.handle.take_message(subscription.msg_type, False):
-            yield message[0]
+        while found := subscription.handle.take_message(subscription.msg_type, False):
+            yield found
 
 
 class WakingCallbackGroup(MutuallyExclusiveCallbackGroup):

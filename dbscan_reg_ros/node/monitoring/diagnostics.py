@@ -212,6 +212,7 @@ class Diagnostics:
                   for text in incompatibilities(self._node, subscription)]
         if self._inboxes:
             faults += filter(None, [shared(self._node, self._odom)])
+        faults += {text for inbox in self._inboxes if (text := inbox.competition.found(changes=2))}
         faults += [f'{self._no_scans(lidar.inbox)}; the odometry continues with the other lidars'
                    for lidar in silent if lidar.inbox]
         # The name of a new node may be discovered after its publisher.
