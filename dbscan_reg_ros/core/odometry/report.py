@@ -2,10 +2,13 @@
 """Report of one step of the odometry."""
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..features.records import Features
 from ..geometry.se2 import SE2, turned
-from ..geometry.symmetric_matrix import IDENTITY
-from ..geometry.tolerance import RESOLUTION
+from ..geometry.symmetric_matrix import IDENTITY, diagonal
+from ..geometry.tolerance import RESOLUTION, TINY
 from ..registration.records import Registration, Status
 from .mapping.key_frame import KeyFrame
 from .models.covariance import coordinate_covariance
@@ -36,7 +39,7 @@ def report(state: TrackState, features: Features, step: ReportedStep) -> Odometr
     covariance = turned(coordinate_covariance(state.covariance.pose), pose.theta)
     return OdometryUpdate(
         stamp=features.scan.stamp, pose=pose, covariance=covariance + _LEAST,
-        twist=state.motion.twist.copy(), twist_covariance=state.covariance.twist + _LEAST,
+        twist=state.motion.twist.copy(), twist_covariance=_of_twist(state),
         interval=step.interval.length, increment=increment, status=step.status, registration=step.registration,
         features=features, reference=None if frame is None else frame.features,
         reference_pose=step.sensor.pose_at(pose) if frame is None else state.output.corrected(frame.pose),
@@ -50,6 +53,14 @@ def report_waiting(state: TrackState, features: Features, sensor: Sensor, repeat
     """Return the last pose again: a scan of the `sensor` was not used, for example because it `repeats` the last."""
     return report(state, features, ReportedStep(
         state.pose, ScanInterval(0.0, 0.0, 0.0), Status.OK, sensor=sensor, repeats=repeats))
+
+
+def _of_twist(state: TrackState) -> NDArray[np.float64]:
+    """Return the covariance ``(3, 3)`` of the twist; what is added to an unknown one stays within 1 m/s and 1 rad/s."""
+    covariance, added = state.covariance.twist, state.motion.variance
+    share = min(max(1.0 - np.linalg.eigvalsh(covariance)[-1], 0.0) / max(added.max(), TINY), 1.0)
+    result: NDArray[np.float64] = covariance + diagonal(*(share * added)) + _LEAST
+    return result
 
 
 _LEAST = RESOLUTION ** 2 * IDENTITY

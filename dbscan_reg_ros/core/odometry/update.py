@@ -30,7 +30,7 @@ from .mapping.key_frame import KeyFrame
 from .mapping.key_frame_window import KeyFrameWindow, latest_frames
 from .models.covariance import NO_MEASUREMENT, PoseMeasurement
 from .models.manhattan import ManhattanHeading
-from .models.motion import ConstantVelocityModel
+from .models.motion import ConstantVelocityModel, integrate
 from .models.pose_output import PoseOutput
 from .models.stamps import ScanInterval
 from .models.wheel_calibration import WheelCalibration
@@ -234,6 +234,8 @@ class _FoundScan:
             state.covariance.reset_twist()
         constraints = aligned.motion_constraints(prior, registration)
         state.pose = state.motion.update(pose, interval, constraints, self._parameters, sensor.name)
+        middle = state.pose @ integrate(state.motion.twist, interval.middle_offset)
+        state.sensors[sensor.name].stamps.judge(middle)
         is_key_frame = self._update_key_frames(aligned)
         # Report, and learn from the motion.
         zero_velocity_gate = self._parameters.odometry.zero_velocity_gate

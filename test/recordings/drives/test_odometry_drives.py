@@ -12,7 +12,7 @@ from rooms import outline
 from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Status
 from dbscan_reg_ros.core.geometry.se2 import as_vectors
 from dbscan_reg_ros.recordings import open_recording
-from dbscan_reg_ros.simulation import LIDARS, Lidar, World, corridor, follow, measure, rooms, simulate
+from dbscan_reg_ros.simulation import LIDARS, PRESETS, Lidar, World, corridor, follow, measure, rooms, simulate
 
 SECOND = 1_000_000_000
 TENTH = SECOND // 10
@@ -65,6 +65,27 @@ def test_stamps_by_which_scans_overlap_lead_no_spinning_lidar_astray(jitter, pac
         distance, angle = error(update, start.inverse() @ SE2(*true))
         assert distance < 0.15
         assert angle < 0.045
+
+
+def test_twists_are_right_where_scans_are_dropped_at_random():
+    """Against the mean velocities between the middles of the scans: even where scans are 0.04 to 1.5 s apart."""
+    world, lidar = rooms(0), PRESETS['omron_os32c']
+    path = follow(world.tour).until(75.0)
+    result, rng, kept = simulate(world, path, lidar, seed=0), np.random.default_rng(1), [0]
+    while kept[-1] + 38 < len(result.scans):
+        kept.append(kept[-1] + int(rng.choice([1, 10, 12, 15, 20, 25, 37])))
+    odometry, off, sigmas = Odometry(), [], []
+    middles = 1e-9 * (result.stamps[kept] - result.stamps[0]) + 0.5 * result.scans[0].duration
+    poses = [SE2.from_array(pose) for pose in path.poses_at(middles)]
+    for number, index in enumerate(kept):
+        update = odometry.process(result.scans[index])
+        if number > 1:
+            true = (poses[number - 1].inverse() @ poses[number]).as_array() / (middles[number] - middles[number - 1])
+            off.append(np.abs(update.twist - true))
+            sigmas.append(np.sqrt(update.twist_covariance.diagonal()))
+    off = np.array(off)
+    assert ((np.hypot(off[:, 0], off[:, 1]) > 0.3) | (off[:, 2] > 0.4)).mean() <= 0.02
+    assert (off < 5.0 * np.array(sigmas)).all()
 
 
 @pytest.mark.parametrize(('asked', 'fewest', 'most'), [(0.0, 2, 18), (10.0, 0, 0)])

@@ -168,3 +168,29 @@ def propagate_errors(joint: NDArray[np.float64], step: SE2, interval: float, pri
     transition[_TWIST, _PREDICTION] = 0.0
     propagated: NDArray[np.float64] = transition @ errors @ transition.T
     return propagated
+
+
+def twist_variance(variance: NDArray[np.float64], last: NDArray[np.float64], twist: NDArray[np.float64], time: float,
+                   time_sigma: float) -> NDArray[np.float64]:
+    """Return the variances by which the velocity at the stamp may differ from the mean since the scan before.
+
+    It may have changed by half as much as the mean did, and has turned by half the rotation. An error of the time is
+    one of the velocity. A part of the last `variance` remains, as the scan was deskewed with the `last` twist.
+
+    Parameters
+    ----------
+    variance : (3,) float [m^2/s^2, m^2/s^2, rad^2/s^2]
+        The result for the scan before.
+    last, twist : (3,) float [m/s, m/s, rad/s]
+        Mean velocities up to the scan before, and since then.
+    time, time_sigma : float [s]
+        Time since the scan before, and its standard deviation.
+    """
+    vx, vy, turn_rate = twist.tolist()
+    turned = turn_rate * time * np.array((vy, vx, 0.0))
+    changed: NDArray[np.float64] = 0.25 * ((twist - last) ** 2 + turned ** 2) + (time_sigma / time * twist) ** 2
+    return changed + _KEPT * variance
+
+
+_KEPT = 0.25
+"""Share of the variance of a twist that remains with the next scan."""

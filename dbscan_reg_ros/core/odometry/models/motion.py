@@ -11,6 +11,7 @@ from ...geometry.symmetric_matrix import diagonal
 from ...geometry.tolerance import TINY
 from ...parameters.tree import Parameters
 from ...registration.records import Prior
+from .covariance import twist_variance
 from .scan_middle import ScanMiddle
 from .stamps import ScanInterval
 
@@ -47,8 +48,8 @@ class ConstantVelocityModel:
 
     Attributes
     ----------
-    twist : (3,) float [m/s, m/s, rad/s]
-        Velocity in the frame of the sensor.
+    twist, variance : (3,) float [m/s, m/s, rad/s]
+        Velocity in the frame of the sensor, and its `twist_variance`.
     unconstrained_time : float [s]
         Time since a scan last constrained every direction.
     """
@@ -75,7 +76,7 @@ class ConstantVelocityModel:
     def reset_velocity(self) -> None:
         """Reset the velocity to 0, and discard the velocities measured so far."""
         self._increment, self._velocities, self._last_interval, self._regular = SE2(), [], 0.0, True
-        self.twist = np.zeros(DOF)
+        self.twist, self.variance = np.zeros((2, DOF))
 
     def start_moving(self, pose: SE2, twist: NDArray[np.float64], middle_offset: float, sensor: str) -> None:
         """Start at `pose` with a `twist`; the middle of the scan is `middle_offset` [s] after its stamp."""
@@ -125,17 +126,14 @@ class ConstantVelocityModel:
         """Predict the same increment as the last one; its covariance grows with the interval and with the increment."""
         p, increment = parameters.prior, self._increment
         unknown = increment is None or parameters.odometry.prior == 'none'
-        if increment is None or unknown or interval.jump:
-            increment = SE2()
+        increment = SE2() if increment is None or unknown or interval.jump else increment
         if unknown or interval.gap:
             return Prior(increment, unknown_motion_covariance(interval, parameters))
         if self._velocities and self._differs_from_last(interval):
             # Scans were dropped, now or before, or those of several sensors alternate.
             increment = integrate(self._mean_twist(), interval.length)
-        # A rotation of 180 deg stays outside the gate, however long the interval: corridors are symmetric.
-        max_sigma = math.pi / p.gate
-        change, rotation_change = p.acceleration * interval.length ** 2, p.angular_acceleration * interval.length ** 2
-        rotation_change = min(rotation_change, max_sigma)
+        max_sigma, square = math.pi / p.gate, interval.length ** 2  # Corridors look alike after 180 deg: never that far.
+        change, rotation_change = p.acceleration * square, min(p.angular_acceleration * square, max_sigma)
         sigma = math.hypot(p.min_sigma, change, p.stamp_jitter * math.hypot(increment.x, increment.y))
         rotation_sigma = min(math.hypot(p.min_sigma, rotation_change, p.stamp_jitter * increment.theta), max_sigma)
         return Prior(increment, diagonal(sigma * sigma, sigma * sigma, rotation_sigma * rotation_sigma),
@@ -169,8 +167,8 @@ class ConstantVelocityModel:
             covariance = covariance + displacement_covariance(lost_time, parameters)
         if self._degenerate_direction is not None:
             angle = self._degenerate_direction - predicted.theta
-            distance, _ = _displacement_sigma(self.unconstrained_time, parameters)
-            distance = min(distance, parameters.degeneracy.search_distance)
+            distance = min(_displacement_sigma(self.unconstrained_time, parameters)[0],
+                           parameters.degeneracy.search_distance)
             along = np.array((math.cos(angle), math.sin(angle), 0.0))
             covariance = covariance + distance ** 2 * along[:, None] * along
         return covariance
@@ -208,13 +206,15 @@ class ConstantVelocityModel:
             self.reset_velocity()
             self._increment = None
         elif before and interval.measures_velocity(before.time + interval.middle_offset):
-            predicted, time = self._mean_twist(), before.time + interval.middle_offset
-            self.twist = (before.pose.inverse() @ middle).as_array() / max(time, 0.5 * interval.length)
+            predicted, last = self._mean_twist(), self.twist
+            time = max(before.time + interval.middle_offset, 0.5 * interval.length)
+            self.twist = (before.pose.inverse() @ middle).as_array() / time
             if direction is not None:
                 self._correct_velocity(predicted[:2], direction - middle.theta, 1.0 - constraints.constrained)
             elif self._degenerate_direction is not None and self._is_unconstrained_since(before):
                 self._catch_up(predicted[:2], middle, self._degenerate_direction)
             self.twist = _limited(self.twist, parameters)
+            self.variance = twist_variance(self.variance, last, self.twist, time, interval.sigma)
             self._velocities = [*self._velocities, self.twist[:2].tolist()][-parameters.prior.velocity_window:]
             self._increment, self._last_interval = integrate(self._mean_twist(), interval.length), interval.length
             self._regular = not interval.of_others

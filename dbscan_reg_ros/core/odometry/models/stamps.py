@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Intervals between scans, from stamps that jitter, repeat and jump."""
+import math
 from collections import deque
 from dataclasses import dataclass
 from enum import Enum
 from statistics import median
 from typing import NamedTuple
 
+import numpy as np
+
 from ...features.records import Features
+from ...geometry.se2 import DOF, SE2
+from ...geometry.tolerance import TINY
 from ...parameters.odometry import TimeParameters
 from ...parameters.tree import Parameters
 from ...scan import SECOND, Scan
@@ -62,6 +67,8 @@ class ScanInterval:
         Whether the stamps are regular, so that a long interval means dropped scans.
     of_others : bool
         Whether the last scan was of another sensor, so that successive intervals may differ in length.
+    sigma : float [s]
+        Standard deviation of `length`: the stamps may jitter, or be right and scans were dropped.
     """
 
     length: float
@@ -71,6 +78,7 @@ class ScanInterval:
     reason: str = ''
     steady: bool = False
     of_others: bool = False
+    sigma: float = 0.0
 
     @property
     def gap(self) -> bool:
@@ -96,6 +104,9 @@ class StampFilter:
         self._last: int | None = None
         self.duration = 0.0
         self._recent: deque[float] = deque(maxlen=_MEDIAN_SIZE)
+        # By the stamps, and by regular intervals: time since `judge`, velocities, and their squared changes.
+        self._middle: SE2 | None = None
+        self._since_judged, self._velocities, self._changes = np.zeros(2), np.zeros((2, DOF)), np.zeros(2)
 
     def timing(self, scan: Scan, parameters: Parameters, since_last: float) -> ScanTiming:
         """Return how long a `scan` takes, and store its duration as `duration`.
@@ -134,12 +145,38 @@ class StampFilter:
             reason = f'no scan for {elapsed:.3f} s' if jump is Jump.FORWARD else f'stamps went back by {-elapsed:.3f} s'
             return ScanInterval(self.typical, max(elapsed, 0.0), middle_offset, jump, reason)
         self._recent.append(elapsed)
+        regular = self._regular(elapsed, scan_duration)
+        self._since_judged += elapsed, regular
+        steady = (min(self._recent) > max(self.typical / _GAP_RATIO, _OVERLAP_RATIO * scan_duration)
+                  or (elapsed > 0.0 and self._changes[0] < self._changes[1]))
+        length, sigma = elapsed if steady else regular, abs(elapsed - regular) * self._doubt
+        return ScanInterval(length, max(elapsed, 0.0), middle_offset, steady=steady, sigma=sigma)
+
+    def judge(self, middle: SE2) -> None:
+        """Compare the velocities by the stamps with those by regular intervals, at the `middle` of a found scan.
+
+        Scans that were dropped leave exact stamps at uneven intervals, stamps that jitter leave even intervals at
+        inexact stamps. By the right intervals the velocity changes less.
+        """
+        motion = np.zeros(DOF) if self._middle is None else (self._middle.inverse() @ middle).as_array()
+        if self._middle is not None and abs(motion).max() < _LEAST_MOTION:
+            return
+        velocities = motion / np.maximum(self._since_judged, _MIN_INTERVAL)[:, None]
+        self._changes = _KEPT * self._changes + ((velocities - self._velocities) ** 2).sum(axis=1)
+        self._middle, self._velocities, self._since_judged = middle, velocities, np.zeros(2)
+
+    @property
+    def _doubt(self) -> float:
+        """Standard deviation of the choice between both intervals: at most 0.5."""
+        by_stamps, regular = (self._changes + TINY).tolist()
+        return 1.0 / math.hypot(by_stamps / regular, regular / by_stamps, math.sqrt(2.0))
+
+    def _regular(self, elapsed: float, scan_duration: float) -> float:
+        """Return the interval [s] if stamps jitter: `elapsed` [s] only where it is near the median."""
+        if scan_duration:
+            return self._rounded(elapsed, scan_duration)
         typical = self.typical
-        steady = min(self._recent) > max(typical / _GAP_RATIO, _OVERLAP_RATIO * scan_duration)
-        if scan_duration and not steady:
-            return ScanInterval(self._rounded(elapsed, scan_duration), max(elapsed, 0.0), middle_offset)
-        plausible = steady or 0.5 * typical <= elapsed <= _MAX_RATIO * typical
-        return ScanInterval(elapsed if plausible else typical, max(elapsed, 0.0), middle_offset, steady=steady)
+        return elapsed if 0.5 * typical <= elapsed <= _MAX_RATIO * typical else typical
 
     def _rounded(self, elapsed: float, scan_duration: float) -> float:
         """Round `elapsed` [s] to a whole multiple (at least 1) of the median interval between successive scans."""
@@ -195,3 +232,7 @@ _MIN_INTERVAL = 0.001
 """Intervals shorter than this [s] are ignored: no lidar is that fast."""
 _MAX_RATIO = 2.05
 """An interval up to this multiple of the median is plausible: it allows for one dropped scan and jitter."""
+_LEAST_MOTION = 0.02
+"""Motion [m, rad] from which on a velocity is compared: less of it is noise."""
+_KEPT = 0.9
+"""Share of the squared changes of the velocity that is kept from one comparison to the next."""
