@@ -135,6 +135,41 @@ def test_messages_that_damage_has_hidden_are_counted(tmp_path):
     assert recording.problems[-1] == f'bag.mcap: {read} of 30 messages of /scan can be read, the bag is damaged'
 
 
+def split_bag(folder, storage):
+    """A bag of three files with four scans each, at 1, 2, 3, ... ns."""
+    parts = [write_bag(folder.parent / f'part_{k}', [('/scan', stamp, laser_scan(stamp))
+                                                     for stamp in range(1 + 4 * k, 5 + 4 * k)], storage)
+             for k in range(3)]
+    folder.mkdir()
+    files = [next(file for file in part.iterdir() if file.suffix != '.yaml') for part in parts]
+    for file in files:
+        shutil.copy(file, folder)
+    metadata = (parts[0] / 'metadata.yaml').read_text()
+    names = ''.join(f'  - {file.name}\n' for file in files)
+    (folder / 'metadata.yaml').write_text(metadata.replace(f'  - {files[0].name}\n', names).replace(
+        'message_count: 4', 'message_count: 12'))
+    return [folder / file.name for file in files]
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+@pytest.mark.parametrize('number', [0, 1, 2])
+@pytest.mark.parametrize('damage', ['missing', 'start', 'within'])
+def test_of_a_split_bag_the_sound_files_are_read_and_the_other_is_named(tmp_path, storage, number, damage):
+    file = split_bag(tmp_path / 'bag', storage)[number]
+    content = file.read_bytes()
+    if damage == 'missing':
+        file.unlink()
+    elif damage == 'start':
+        file.write_bytes(bytes(50) + content[50:])
+    else:
+        middle = len(content) // 3 if storage == 'mcap' else content.rindex(b'front') // 4096 * 4096
+        file.write_bytes(content[:middle] + b'\x05' * 200 + content[middle + 200:])
+    recording = open_recording(tmp_path / 'bag')
+    stamps = recording.stamps()
+    assert set(range(1, 13)) - set(range(1 + 4 * number, 5 + 4 * number)) <= set(stamps)
+    assert any(file.name in problem for problem in recording.problems)
+
+
 @pytest.mark.parametrize(('start', 'command'), [(b'BZh91AY', 'bunzip2'), (b'\xfd7zXZ\0', 'unxz'),
                                                 (b'PK\x03\x04', 'unzip'),
                                                 (b'\x04\x22\x4d\x18', 'lz4 -d'), (b'7z\xbc\xaf\x27\x1c', '7z x')])

@@ -11,6 +11,7 @@ from bags import SECOND, laser_scan, needs_rosbags, write_bag
 from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.commands.convert import main
 from dbscan_reg_ros.recordings import conversion, open_recording
+from dbscan_reg_ros.recordings.bags.reading import open_reader
 from dbscan_reg_ros.recordings.conversion import convert
 from dbscan_reg_ros.recordings.kept_part import Gap, Kept
 from dbscan_reg_ros.recordings.poses import relative
@@ -170,6 +171,24 @@ def test_what_is_no_scan_passes_from_bag_to_bag(tmp_path):
     convert(tmp_path / 'a.bag', tmp_path / 'b')
     assert [(topic, time, message.data) for topic, time, message in messages(tmp_path / 'b')] == [
         ('/chatter', 100, 'at 100'), ('/chatter', 200, 'at 200'), ('/chatter', 200, 'at 200')]
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_messages_of_an_unknown_type_are_copied_byte_by_byte(cases, tmp_path, storage):
+    source = cases / 'bags' / 'type_without_definition'
+    counts, _ = convert(source, tmp_path / 'bag', storage=storage)
+    assert counts == {'/scan': 8, '/custom': 1}
+    convert(tmp_path / 'bag', tmp_path / 'again')
+    contents = []
+    for path in (source, tmp_path / 'bag', tmp_path / 'again'):
+        with open_reader(path) as reader:
+            contents.append([(c.topic, c.msgtype, time, bytes(raw)) for c, time, raw in reader.messages(
+                reader.connections)])
+    assert contents[0] == contents[1] == contents[2] and len(contents[0]) == 9
+    for path in (source, tmp_path / 'bag'):
+        with pytest.raises(RecordingError, match='definition'):
+            convert(path, tmp_path / 'old.bag')
+        assert not (tmp_path / 'old.bag').exists()
 
 
 def test_a_scan_that_a_log_can_hardly_hold_keeps_what_counts(tmp_path):

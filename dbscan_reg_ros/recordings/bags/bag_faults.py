@@ -57,6 +57,13 @@ def fault_of(path, words) -> str:
     return f'{path}: {found or f"damaged, or of a kind that is not known here{words}"}'
 
 
+def fault_of_part(file) -> str:
+    """Return one line with the reason why one of the files of a bag folder cannot be read, and the remedy."""
+    metadata = _read_metadata(file.parent)
+    found = metadata and _of_named_file(file, metadata)
+    return found or f'{file.name} is damaged'
+
+
 def other_contents(connections) -> str:
     """Return a text with the topics of a bag without laser scans, and how to convert them to laser scans."""
     kinds = sorted({(connection.topic, connection.msgtype) for connection in connections})
@@ -90,11 +97,24 @@ def _of_folder(folder):
     return None
 
 
+def metadata_of(folder) -> dict:
+    """Return the fields of ``metadata.yaml`` in a folder, which is whole."""
+    import yaml
+    fields: dict = yaml.safe_load((folder / 'metadata.yaml').read_text(encoding='utf-8'))['rosbag2_bagfile_information']
+    return fields
+
+
+def names_of(folder) -> list:
+    """Return the names of the files of the bag in a `folder`; none if it is no folder, or its metadata is damaged."""
+    metadata = _read_metadata(folder) if folder.is_dir() else None
+    return metadata.names if metadata else []
+
+
 def _read_metadata(folder):
     """Return the `_Metadata` in a folder, or None if it is damaged."""
     import yaml
     try:
-        fields = yaml.safe_load((folder / 'metadata.yaml').read_text(encoding='utf-8'))['rosbag2_bagfile_information']
+        fields = metadata_of(folder)
         if fields['version'] > LAST_VERSION or FIELDS - fields.keys():
             return None
         mode = (fields.get('compression_mode') or 'none').lower()

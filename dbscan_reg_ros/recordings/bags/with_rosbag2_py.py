@@ -32,6 +32,7 @@ class BagReader:
 
     def __init__(self, path):
         self.path = path
+        self.faults: list[str] = []
         self._storage = kind_at(path) or ''
         metadata = rosbag2_py.Info().read_metadata(str(path), self._storage)
         self._compressed = path.is_dir() and metadata.compression_mode.lower() in COMPRESSED

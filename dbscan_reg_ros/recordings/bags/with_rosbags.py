@@ -7,15 +7,24 @@ import io
 from rosbags import rosbag1, rosbag2
 from rosbags.convert.converter import create_connections_converters
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.typesys import Stores, get_typestore
+from rosbags.interfaces import (
+    MessageDefinitionFormat,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from ...core.errors import RecordingError
 from ..playback import TRANSFORMS
-from .bag_faults import fault_of
 from .decompression import limit_decompression
 from .messages import MessageMaker
 
+NO_HASH = f'RIHS01_{"0" * 64}'
+"""Written for a type whose definition and hash are unknown."""
 FOREVER = QosTime(2147483647, 4294967295)
 LATCHED = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, FOREVER, FOREVER,
               QosLiveliness.AUTOMATIC, FOREVER, False)
@@ -49,11 +58,14 @@ class BagReader:
     message_count : int
     start_time, duration : int
         First record time and span of the record times [ns].
+    faults : list of str
+        A line about each file of the bag that is missing or damaged.
     """
 
     def __init__(self, path):
         limit_decompression()
         self.path = path
+        self.faults: list[str] = []
         self.is_ros2 = path.suffix != '.bag'
         # Not with AnyReader, which parses the definitions of all messages: standard ones are used here.
         self._reader = (rosbag2 if self.is_ros2 else rosbag1).Reader(path)
@@ -93,7 +105,9 @@ def _with_definitions(path):
     try:
         reader.open()
     except Exception as error:
-        raise RecordingError(fault_of(path, '')) from error
+        raise RecordingError(f'{path}: the definitions of its message types cannot be read, and without them it cannot '
+                             'be converted to another version of ROS; copy a part of it first (convert --topics)'
+                             ) from error
     with contextlib.closing(reader):
         yield reader
 
@@ -129,10 +143,33 @@ class BagWriter:
 
     def add_topics_of(self, reader, connections):
         """Add the topics of a `BagReader`; return a function from connection and bytes to the arguments of `write`."""
-        store = None if reader.is_ros2 != self._ros1 else self._store
-        with contextlib.redirect_stdout(io.StringIO()), _with_definitions(reader.path) as definitions:
-            written, converted = create_connections_converters(connections, store, definitions, self._writer)
+        if reader.is_ros2 != self._ros1:
+            added = {(each.id, each.owner): self._copied(each) for each in connections}
+            return lambda connection, raw: (added[connection.id, connection.owner], raw)
+        try:
+            with contextlib.redirect_stdout(io.StringIO()), _with_definitions(reader.path) as definitions:
+                written, converted = create_connections_converters(connections, self._store, definitions, self._writer)
+        except TypesysError as error:
+            lacking = ', '.join(f'{each.topic} ({each.msgtype})' for each in connections
+                                if each.msgtype not in self._store.fielddefs)
+            raise RecordingError(f'{reader.path}: for another version of ROS the definition of each type is needed, and '
+                                 f'one of these has none: {lacking}; leave out its topic (--topics)') from error
         return lambda connection, raw: (written[connection.id, connection.owner], converted[connection.msgtype](raw))
+
+    def _copied(self, connection):
+        """Add a topic with the type, definition and quality of service that it has in a bag of the same version."""
+        kind, known = connection.msgtype, connection.msgtype in self._store.fielddefs
+        is_given = connection.msgdef.format != MessageDefinitionFormat.NONE
+        if self._ros1:
+            fields = {'md5sum': connection.digest, **connection.ext._asdict()}
+        else:
+            fields = {'rihs01': connection.digest or (self._store.hash_rihs01(kind) if known else NO_HASH),
+                      **connection.ext._asdict()}
+        definition = (connection.msgdef.data if is_given else
+                      self._store.generate_msgdef(kind, ros_version=2)[0] if known else '')
+        same = (each for each in self._writer.connections
+                if (each.topic, each.msgtype, each.ext) == (connection.topic, kind, connection.ext))
+        return next(same, None) or self._writer.add_connection(connection.topic, kind, msgdef=definition, **fields)
 
     def write(self, topic, time, raw):
         """Write the bytes of a message with its record time [ns]."""
