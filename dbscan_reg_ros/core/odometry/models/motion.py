@@ -132,7 +132,7 @@ class ConstantVelocityModel:
         if self._velocities and self._differs_from_last(interval):
             # Scans were dropped, now or before, or those of several sensors alternate.
             increment = integrate(self._mean_twist(), interval.length)
-        max_sigma, square = math.pi / p.gate, interval.length ** 2  # Corridors look alike after 180 deg: never that far.
+        max_sigma, square = math.pi / p.gate, interval.length ** 2  # Corridors look alike after 180 deg.
         change, rotation_change = p.acceleration * square, min(p.angular_acceleration * square, max_sigma)
         sigma = math.hypot(p.min_sigma, change, p.stamp_jitter * math.hypot(increment.x, increment.y))
         rotation_sigma = min(math.hypot(p.min_sigma, rotation_change, p.stamp_jitter * increment.theta), max_sigma)
