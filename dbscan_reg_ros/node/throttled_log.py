@@ -11,7 +11,7 @@ MAX_KINDS = 100
 class ThrottledLog:
     """Logs a warning at once, then suppresses warnings of the same kind for a period.
 
-    Two warnings are of the same kind when they differ only in numbers and quoted names.
+    Two warnings are of the same kind when they differ only in numbers and quoted names, or in how many they list.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class ThrottledLog:
 
     def warn(self, text: str) -> None:
         """Log `text`; if a warning of its kind was logged less than a period ago, only count it."""
-        kind = re.sub(r"'[^']*'|-?\b(\d[\w.+-]*|nan|inf)\b", '#', text)
+        kind = re.sub(r'#(, #)+', '#', re.sub(r"'[^']*'|-?\b(\d[\w.+-]*|nan|inf)\b", '#', text))
         now = time.monotonic()
         last, suppressed = self._kinds.get(kind, (-self._period, 0))
         if now - last < self._period:

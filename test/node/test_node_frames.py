@@ -26,6 +26,7 @@ from ros_helpers import (
 
 from dbscan_reg_ros import SE2, Scan
 from dbscan_reg_ros.core.scan import in_nanoseconds
+from dbscan_reg_ros.node.frames.missing_transform import describe_missing
 
 SECOND = 1_000_000_000
 
@@ -43,6 +44,31 @@ def test_mounting_is_read_from_transforms_by_default_and_the_choices_are_named(s
     message = tf_type(transforms=[transform('base_link', 'laser', SE2(0.3))])
     static.until(lambda: not player.play(scans[10:11], patience=0.2).lost, message)
     assert pose_of(player.play(scans[11:12]).messages[0]).as_array() == pytest.approx([0.1, 0.0, 0.0], abs=0.1)
+
+
+def test_where_no_transform_is_found_the_transforms_that_are_there_are_named(start_command, player, peer, scans,
+                                                                             tf_type):
+    """First they are on topics of a namespace, then their frames have a prefix."""
+    node = start_command('scan_matcher')
+    message = tf_type(transforms=[transform('robot/base_link', f'robot/{name}') for name in ('laser', 'imu')])
+    peer.node.create_publisher(tf_type, '/robot/tf_static', LATCHED)
+    player.wait_for_node(TIMEOUT)
+    for text in 'start the node with -r /tf_static:=/robot/tf_static', "set base_frame to 'robot/base_link'":
+        peer.until(lambda text=text: player.play(scans[:1], patience=0.2).lost and text in node.output())
+        peer.node.create_publisher(tf_type, '/tf_static', LATCHED).publish(message)
+    assert "let the driver send 'robot/laser'" in node.output()
+
+
+@pytest.mark.parametrize('parents, text', [
+    ({'laser': 'base_footprint', 'base_footprint': 'odom'}, "set base_frame to 'base_footprint'"),
+    ({'laser': 'chassis', 'arm': 'chassis'}, "set base_frame to 'chassis'"),
+    ({'base_link': 'odom', 'base_scan': 'base_link', 'laser_frame': 'base_link'}, "let the driver send 'laser_frame'"),
+    ({'base_link': 'odom', 'laser': 'mast'}, "no transform connects 'mast', to which 'laser' belongs"),
+    ({'wheel': 'axle'}, "base_frame 'base_link' is none of them"),
+])
+def test_frames_that_are_there_are_named_in_place_of_a_missing_one(parents, text):
+    said = describe_missing(None, 'base_link', 'laser', parents)
+    assert text in said and all(repr(frame) in said for frame in (*parents, *parents.values()))
 
 
 @needs_tf2_msgs

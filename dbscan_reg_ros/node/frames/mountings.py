@@ -87,10 +87,11 @@ class Mountings:
         assert self._transforms
         try:
             matrix, known = self._transforms.lookup(self._base_frame, frame, stamp)
-        except NoTransformError:
+        except NoTransformError as error:
             raise MountingError(
                 f'no transform from {self._base_frame!r} to {frame!r} on /tf or /tf_static: no odometry before it is '
-                "received; publish it, or set mounting to 'laser_pose' (with laser_pose) or to 'none'") from None
+                f"received; {error}; publish it, or set mounting to 'laser_pose' (with laser_pose) or to 'none'"
+            ) from None
         self._last_stamp = stamp
         if not known:
             log.warn(f'the transform from {self._base_frame!r} to {frame!r} is not known at the time of the '

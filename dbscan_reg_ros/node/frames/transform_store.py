@@ -56,6 +56,11 @@ class TransformStore:
             edge = edges[child] = _Edge(parent, static)
         edge.add(stamp, pose)
 
+    @property
+    def parents(self) -> dict[str, str]:
+        """Frame -> its parent, of all transforms received."""
+        return {child: edge.parent for edges in (self._moving, self._static) for child, edge in edges.items()}
+
     def clear(self) -> None:
         """Remove the transforms that were received on /tf, because time has gone back."""
         self._moving.clear()
@@ -164,6 +169,11 @@ class _Edge:
 class Tf2Store:
     """Buffer of tf2_ros with the interface of `TransformStore`.
 
+    Attributes
+    ----------
+    parents : dict
+        Frame -> its parent, of all transforms received.
+
     Raises
     ------
     ModuleNotFoundError
@@ -175,11 +185,13 @@ class Tf2Store:
         self._tf2 = tf2_ros
         self._buffer = tf2_ros.Buffer()
         self._newest: dict[str, int] = {}
+        self.parents: dict[str, str] = {}
         self._static: set[str] = set()
 
     def add(self, message: TransformStamped, static: bool) -> None:
         """Add a transform as `TransformStore.add` does; tf2 alone does not clear its buffer when time has gone back."""
         child, stamp = message.child_frame_id, in_nanoseconds(message.header.stamp)
+        self.parents[child] = message.header.frame_id
         if static:
             self._static.add(child)
             self._buffer.set_transform_static(message, 'scan_matcher')

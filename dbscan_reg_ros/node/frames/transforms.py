@@ -10,9 +10,11 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 
+from ..errors import NoTransformError
 from ..interfaces.graph_checks import publishers
 from ..interfaces.no_qos_events import NO_SUBSCRIPTION_EVENTS
 from ..interfaces.subscriptions import WakingCallbackGroup, taken
+from .missing_transform import describe_missing
 from .transform_sender import TransformSender, transform_type
 from .transform_store import make_store
 
@@ -83,7 +85,10 @@ class TransformListener:
         """Poll /tf, then look up a transform as `TransformStore.lookup` does; requires that `store` is true."""
         self.poll()
         assert self._store
-        return self._store.lookup(target, source, stamp)
+        try:
+            return self._store.lookup(target, source, stamp)
+        except NoTransformError:
+            raise NoTransformError(describe_missing(self._node, target, source, self._store.parents)) from None
 
     def restart(self) -> None:
         """Remove the transforms that were received on /tf, because time has gone back."""
