@@ -19,13 +19,12 @@ if TYPE_CHECKING:
     from .core.features.extraction import extract_features
     from .core.features.records import EndKind, Features, Segments
     from .core.geometry.se2 import SE2
-    from .core.odometry.pipeline import Odometry
     from .core.odometry.records import OdometryUpdate
     from .core.parameters.tree import Parameters
-    from .core.registration.pipeline import register
     from .core.registration.records import Hypothesis, Prior, Registration, Status
     from .core.scan import Scan
     from .core.scan_geometry import ScanGeometry
+    from .recordings.checks.arrays import Odometry, register
     from .recordings.opening import open_recording
     from .robot.parameter_files import read_parameters
     from .robot.parameters import NodeParameters
@@ -35,13 +34,12 @@ else:
         'core.features.extraction': ('extract_features',),
         'core.features.records': ('EndKind', 'Features', 'Segments'),
         'core.geometry.se2': ('SE2',),
-        'core.odometry.pipeline': ('Odometry',),
         'core.odometry.records': ('OdometryUpdate',),
         'core.parameters.tree': ('Parameters',),
-        'core.registration.pipeline': ('register',),
         'core.registration.records': ('Hypothesis', 'Prior', 'Registration', 'Status'),
         'core.scan': ('Scan',),
         'core.scan_geometry': ('ScanGeometry',),
+        'recordings.checks.arrays': ('Odometry', 'register'),
         'recordings.opening': ('open_recording',),
         'robot.parameter_files': ('read_parameters',),
         'robot.parameters': ('NodeParameters',),

@@ -21,7 +21,7 @@ from dbscan_reg_ros.commands.processes import Process
 OWN = 'ROS_', 'PYTEST_'
 """How the names of environment variables begin that differ between tests and that no import reads."""
 IMPORTED = ('dbscan_reg_ros.core.odometry.pipeline', 'dbscan_reg_ros.node.scan_matcher',
-            'dbscan_reg_ros.recordings.scan_checks', 'dbscan_reg_ros.recordings.snapshots',
+            'dbscan_reg_ros.recordings.checks.scan_checks', 'dbscan_reg_ros.recordings.snapshots',
             'dbscan_reg_ros.robot.parameters', 'dbscan_reg_ros.robot.point_cloud', 'diagnostic_msgs.msg',
             'geometry_msgs.msg', 'nav_msgs.msg', 'rcl_interfaces.msg', 'rcl_interfaces.srv', 'rosidl_generator_py',
             'sensor_msgs.msg', 'std_msgs.msg', 'std_srvs.srv', 'type_description_interfaces.msg',

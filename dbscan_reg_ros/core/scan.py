@@ -14,7 +14,7 @@ from .geometry.array_types import BoolArray, FloatArray
 from .scan_geometry import ScanGeometry, read_only, single_precision
 
 MAX_RANGE = 100_000.0
-"""Ranges beyond this [m] are not returns, even if the `range_max` of the sensor is larger."""
+"""Ranges from this [m] on are not returns, even if the `range_max` of the sensor is larger."""
 SECOND = 1_000_000_000
 """Nanoseconds in a second."""
 
@@ -72,11 +72,11 @@ class Scan:
 
     @cached_property
     def valid(self) -> BoolArray:
-        """``(N,)`` bool: beams with a return between `range_min` and `range_max`."""
+        """``(N,)`` bool: beams with a return from `range_min` to below `range_max`."""
         ranges, geometry = self.ranges, self.geometry
         with np.errstate(invalid='ignore'):
             ok = (ranges > 0.0) & (ranges >= np.float32(geometry.range_min))
-            ok &= ranges <= np.float32(min(geometry.range_max, MAX_RANGE))
+            ok &= ranges < np.float32(min(geometry.range_max, MAX_RANGE))
         return read_only(ok)
 
     @cached_property
@@ -118,7 +118,7 @@ class Scan:
         stamp : int
             Time of the first beam [ns].
         range_min, range_max : float
-            Ranges outside of these [m] are no returns.
+            Ranges below `range_min` and from `range_max` on [m] are no returns.
         time_increment : float
             Time from one beam to the next [s]; 0 where unknown.
 

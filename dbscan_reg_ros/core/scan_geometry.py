@@ -34,8 +34,8 @@ class ScanGeometry:
     size : int
         Number of beams N.
     range_min, range_max : float
-        A range is a return when ``range_min <= range <= range_max`` [m], rounded to float32. A `range_max` that is not
-        positive, or not finite, means no limit.
+        A range is a return when ``range_min <= range < range_max`` [m], rounded to float32: many drivers send
+        `range_max` for a missing return. A `range_max` that is not positive, or not finite, means no limit.
     bearings_given : tuple of float, optional
         One bearing [rad] for each beam, if the beams are not equally spaced, as in a deskewed scan.
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 from ..core.errors import RecordingError
 from ..core.geometry.mounting import Mounting
 from ..core.scan import Scan
+from .checks.scan_checks import ScanWatch
 from .message_fields import pose_only_fields
 from .playback import ODOMETRY, Channel, Played
-from .scan_checks import ScanWatch
 from .schedule import Schedule
 
 MOST_PROBLEMS = 1000

@@ -8,7 +8,7 @@ import pytest
 import rclpy.serialization
 from bags import needs_rosbags, write_bag
 from diagnostic_msgs.msg import DiagnosticArray
-from ros_helpers import Loudspeaker, Parameters, Peer, changed, said
+from ros_helpers import Loudspeaker, Parameters, Peer, changed, pose_of, said
 from sensor_msgs.msg import Image, LaserScan
 
 from dbscan_reg_ros.node.interfaces.messages import stamp_to_message
@@ -24,14 +24,17 @@ CHANGES = {
     'stamp_back': lambda k: {'stamp': START - k * 100_000_000},
     'time_increment': lambda k: {'time_increment': 0.1},
     'millimetres': lambda _: {'scale': 1000.0},
+    'centimetres': lambda _: {'scale': 100.0},
+    'stamp_unit': lambda k: {'stamp': START // 1000 + k * 100_000},
+    'no_return': lambda _: {'longest': 3.0},
     'range_max': lambda _: {'range_max': 0.2},
     'range_min': lambda _: {'range_min': 150.0},
 }
 
 
-def message(scan, stamp=None, frame_id='laser', scale=1.0, **fields):
+def message(scan, stamp=None, frame_id='laser', scale=1.0, longest=math.inf, **fields):
     """The scan's message, with some of what a driver may state wrongly."""
-    wrong = changed(scan, ranges=array.array('f', scale * scan.ranges), **fields)
+    wrong = changed(scan, ranges=array.array('f', scale * np.minimum(scan.ranges, longest)), **fields)
     wrong.header.stamp, wrong.header.frame_id = stamp_to_message(scan.stamp if stamp is None else stamp), frame_id
     return wrong
 
@@ -138,3 +141,11 @@ def test_a_list_that_is_refused_is_printed_as_numbers(node, peer):
 def test_a_list_where_none_is_expected_is_printed_as_numbers(start_node, peer):
     said(start_node('-p', 'input.every_nth:=[1, 2]'), 'input.every_nth = [1, 2]: expected a whole number', peer)
     said(start_node('-p', 'input.mask:=[0.5, 1.0]'), 'input.mask = [0.5, 1.0]: expected 8 numbers', peer)
+
+
+def test_beams_with_a_range_for_a_missing_return_do_not_matter(cases, start_node, player):
+    start_node()
+    player.wait_for_node(20.0)
+    answers = player.play(list(open_recording(cases / 'no_return' / 'no_return_is_range_max').scans()), patience=0.5)
+    places = np.array([(pose.x, pose.y) for pose in map(pose_of, answers.messages)])
+    assert np.hypot(*np.diff(places, axis=0).T).sum() == pytest.approx(2.49, abs=0.02)

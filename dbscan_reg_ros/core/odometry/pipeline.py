@@ -132,6 +132,7 @@ class Odometry:
         uses = self._uses(scan, sensor)
         sensor = self.comparisons.mounted(sensor)
         own = self._sensor_state(scan, sensor, uses)
+        scan = own.no_return.removed_from(scan)
         timing = own.stamps.timing(scan, p, state.order.time_since_last(scan.stamp))
         # Features of the deskewed scan.
         twist = timing.ratio * self.comparisons.guessed(sensor).twist_of(state.motion.twist) if timing.deskews else None

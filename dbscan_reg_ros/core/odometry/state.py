@@ -5,6 +5,7 @@ from enum import Enum
 
 from ..features.range_noise import NoiseRatioHistory
 from ..geometry.se2 import SE2
+from ..no_return import NoReturn
 from .mapping.key_frame import KeyFrame
 from .mapping.key_frame_window import KeyFrameWindow
 from .models.covariance import CovariancePropagation
@@ -107,16 +108,18 @@ class Tracking:
 
 @dataclass
 class SensorState:
-    """State stored for each sensor: filters of its stamps and of its range noise.
+    """State stored for each sensor: filters of its stamps and of its range noise, and ranges that are no returns.
 
     Attributes
     ----------
     stamps : StampFilter
     noise : NoiseRatioHistory
+    no_return : NoReturn
     """
 
     stamps: StampFilter = field(default_factory=StampFilter)
     noise: NoiseRatioHistory = field(default_factory=NoiseRatioHistory)
+    no_return: NoReturn = field(default_factory=NoReturn)
 
 
 @dataclass

@@ -10,10 +10,10 @@ from ...core.geometry.mounting import Mounting, MountingError
 from ...core.scan import Scan, in_nanoseconds
 from ...robot.revolution import Revolution
 from ...robot.sensors import FRAME_MARK, name_in_frame
+from ..checks.scan_checks import ScanFields, ScanWatch
 from ..playback import ODOMETRY, RENAMED, Channel, Played, inputs_of, of_robot, only
 from ..poses import PoseError, compose, corrected, planar
 from ..recording import Record, Recording
-from ..scan_checks import ScanFields, ScanWatch
 from ..truth import interpolate
 from .bag_faults import other_contents
 from .clouds import POINT_CLOUD, CloudParameters, CloudReader

@@ -9,9 +9,9 @@ import numpy as np
 
 from ...core.errors import RecordingError, ScanError
 from ...core.geometry.mounting import Mounting, MountingError
+from ..checks.scan_checks import ScanFields, ScanWatch
 from ..files import UNREADABLE, reason_of
 from ..recording import Record, Recording
-from ..scan_checks import ScanFields, ScanWatch
 from .lines import FRONT, KINDS, SETTINGS, read_line, read_odometry, set_parameter
 from .survey import Survey
 
@@ -66,7 +66,10 @@ class CarmenLog(Recording):
         for (_, line, settings), (stamp, laser, robot) in zip(self._messages((self.topic,)), given, strict=False):
             scan = line.scan(settings, geometry, stamp, found.no_return)
             geometry = scan.geometry
-            self._look(watch, ScanFields.from_scan(scan)._replace(ranges=line.ranges))
+            ranges = np.where(line.missing & (line.ranges <= line.range_max), np.inf, line.ranges)
+            if found.no_return is not None:
+                ranges = scan.ranges
+            self._look(watch, ScanFields.from_scan(scan)._replace(ranges=ranges))
             yield Record(scan, tuple(laser.tolist()), tuple(robot.tolist()))
 
     def stamps(self):

@@ -23,6 +23,9 @@ def kinds_of(path):
     ('carmen/equal_stamps.log', []),
     ('carmen/no_return_32.767_and_zero_stamps.log', []),
     ('covariance_explodes/kinect_55deg_25s', []),
+    ('no_return/no_return_is_range_max', ['no_return']),
+    ('no_return/no_return_is_range_max.log', ['no_return']),
+    ('no_return/no_return_is_inf_control', []),
 ])
 def test_faulty_recordings_are_reported_by_kind(cases, name, kinds):
     assert kinds_of(cases / name) == kinds

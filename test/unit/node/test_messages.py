@@ -14,8 +14,8 @@ from dbscan_reg_ros import SE2, OdometryUpdate, Scan, ScanError, ScanGeometry, S
 from dbscan_reg_ros.core.geometry.mounting import Mounting, MountingError
 from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.interfaces.messages import filled, matrix_from_message, scan_to_message
+from dbscan_reg_ros.recordings.checks.scan_checks import ScanChecks, ScanFields
 from dbscan_reg_ros.recordings.message_fields import odometry_fields, transform_fields
-from dbscan_reg_ros.recordings.scan_checks import ScanChecks, ScanFields
 from dbscan_reg_ros.robot.base_state import BaseState, base_state
 from dbscan_reg_ros.simulation import demo
 

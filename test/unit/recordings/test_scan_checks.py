@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros import Scan
-from dbscan_reg_ros.recordings.scan_checks import Kind, ScanChecks, ScanFields, ScanWatch
+from dbscan_reg_ros.recordings.checks.scan_checks import ScanChecks, ScanFields, ScanWatch
+from dbscan_reg_ros.recordings.checks.scan_warnings import Kind
 
 SECOND = 10**9
 START = 1_700_000_000 * SECOND
@@ -86,7 +87,9 @@ def test_correct_metadata_cause_no_warning(changes):
     ({'stamp': 0}, Kind.STAMP_ZERO, 30, 'the scans have no stamp'),
     ({'stamp': START}, Kind.STAMP_EQUAL, 27, 'are equal (1700000000.000 s)'),
     ({'stamp': lambda k: START + k // 2 * SECOND // 5}, Kind.STAMP_EQUAL, 13, 'are equal'),
-    ({'stamp': lambda k: START + 1000 * k, 'time_increment': 0.0}, Kind.STAMP_EQUAL, 27, 'or less than 0.1 ms apart'),
+    ({'stamp': lambda k: START + 1000 * k, 'time_increment': 0.0}, Kind.STAMP_UNIT, 27, 'are 1000 ns apart'),
+    ({'stamp': lambda k: START // 1000 + k * SECOND // 10_000, 'time_increment': 0.0}, Kind.STAMP_UNIT, 27,
+     'are 100000 ns apart'),
     ({'stamp': lambda k: START - k * SECOND // 10}, Kind.STAMP_BACK, 26, 'go back by 0.100 s, to 1699999999.600 s'),
     ({'stamp': lambda k: START + k * SECOND // 10 - k % 2 * SECOND}, Kind.STAMP_BACK, 12,
      'expected stamps that increase'),
@@ -98,10 +101,17 @@ def test_correct_metadata_cause_no_warning(changes):
     ({'ranges': scaled(1000.0)}, Kind.MILLIMETRES, 30, 'range_max 12 m; expected metres'),
     ({'ranges': scaled(1000.0), 'range_min': 100.0, 'range_max': 12000.0}, Kind.MILLIMETRES, 30, 'range_max 12000 m'),
     ({'ranges': missing(0.7, 65535.0, 1000.0)}, Kind.MILLIMETRES, 30, 'look like millimetres'),
-    ({'ranges': scaled(100.0)}, Kind.MILLIMETRES, 30, 'expected metres'),
-    ({'range_max': 0.012}, Kind.RANGE_MAX, 30, 'beyond range_max'),
+    ({'ranges': scaled(100.0)}, Kind.CENTIMETRES, 30, 'divide by 100'),
+    ({'ranges': scaled(60.0)}, Kind.CENTIMETRES, 30, 'divide by 100'),
+    ({'ranges': scaled(100.0), 'range_min': 10.0, 'range_max': 1200.0}, Kind.CENTIMETRES, 30, 'range_max 1200 m'),
+    ({'ranges': scaled(1000.0), 'range_min': 0.0, 'range_max': 1e6}, Kind.MILLIMETRES, 30, 'divide by 1000'),
+    ({'range_max': 0.12}, Kind.RANGE_MAX, 30, 'beyond range_max'),
+    ({'range_max': 0.012}, Kind.RANGE_MAX, 30, 'range_min is 0.1 m, range_max 0.012 m'),
     ({'ranges': scaled(10.0)}, Kind.RANGE_MAX, 30, 'beyond range_max'),
-    ({'range_min': 100.0}, Kind.RANGE_MIN, 30, 'below range_min'),
+    ({'range_min': 10.0}, Kind.RANGE_MIN, 30, 'below range_min'),
+    ({'range_min': 12.0, 'range_max': 0.1}, Kind.RANGE_MIN, 30, 'range_min is 12 m, range_max 0.1 m'),
+    ({'ranges': missing(0.3, 11.99)}, Kind.NO_RETURN, 25, '11.99 m'),
+    ({'ranges': missing(0.3, 12.0)}, Kind.NO_RETURN, 25, '12 m'),
     ({'ranges': lambda k: np.ones(360 if k < 9 else 250, dtype=np.float32),
       'angle_max': lambda k: (-math.pi + 2.0 * math.pi * (
         359 if k < 9 else 249) / 360)}, Kind.BEAMS, 1, 'the scans change from 360 to 250 beams'),

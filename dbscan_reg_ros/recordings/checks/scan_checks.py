@@ -4,14 +4,13 @@ import math
 import operator
 from collections import deque
 from dataclasses import dataclass
-from enum import Enum
 from itertools import islice
 from typing import NamedTuple
 
-import numpy as np
-
-from ..core.scan import SECOND, in_nanoseconds
-from .stamps import equal
+from ...core.scan import SECOND, in_nanoseconds
+from ..stamps import equal
+from .ranges import RangeChecks
+from .scan_warnings import Kind, LastingWarnings, ScanWarning
 
 FUTURE = 1.0
 """A stamp ahead of the clock by more than this [s] causes a warning."""
@@ -31,47 +30,8 @@ FEWEST_INTERVALS = 2
 TOO_LONG = 1.15, 2.0
 """A scan is too long if its duration exceeds (1.15 + 2 / n) times the mean of n intervals between stamps; 2 / n allows
 for jitter."""
-MILLIMETRES = 100.0
-"""Median range above which ranges are taken as millimetres: in metres no scan exceeds it, in millimetres nearly all."""
-BEYOND = 1.05
-"""Ratio of the median range to `range_max` above which the difference is no rounding error."""
-NEAREST = 0.05
-"""Ranges below this [m] are codes: drivers state with them why a return is missing."""
-SAME = 0.999
-"""Ranges above this fraction of the greatest range are regarded as equal; several such ranges mean missing returns."""
-SAMPLE, FEWEST = 256, 8
-"""Approximate number of beams whose ranges are checked, and the minimum number of their returns for a warning."""
-EVERY = 10
-"""Ranges are checked in this many scans at the start, then in every scan whose number is a multiple of this."""
-
-
-class Kind(Enum):
-    """Field or fault of a scan that a `ScanWarning` reports."""
-
-    FRAME = 'frame'
-    BEAMS = 'beams'
-    ANGLE_INCREMENT = 'angle_increment'
-    ANGLE_MAX = 'angle_max'
-    STAMP_ZERO = 'stamp_zero'
-    STAMP_EQUAL = 'stamp_equal'
-    STAMP_BACK = 'stamp_back'
-    STAMP_FUTURE = 'stamp_future'
-    TIME_INCREMENT = 'time_increment'
-    MILLIMETRES = 'millimetres'
-    RANGE_MAX = 'range_max'
-    RANGE_MIN = 'range_min'
-
-
-BETWEEN_SCANS = Kind.BEAMS, Kind.STAMP_EQUAL, Kind.STAMP_BACK, Kind.TIME_INCREMENT
-"""Faults that are found by comparing a scan with those before it."""
-
-
-@dataclass(frozen=True, eq=False)
-class ScanWarning:
-    """A fault in the fields of a scan: `text` names the value, the expected one and the remedy."""
-
-    kind: Kind
-    text: str
+OTHER_UNIT = SECOND // 2000
+"""Stamps are in another unit if all of the last ones increase by less than this [ns]: no lidar is that fast."""
 
 
 class ScanFields(NamedTuple):
@@ -109,10 +69,9 @@ class ScanChecks:
     """Check scans one by one in the order in which they arrive."""
 
     def __init__(self):
-        self._seen = 0
         self._frame = self._size = None
-        self._said = {}
-        self._ranges = None
+        self._lasting = LastingWarnings().of
+        self._ranges = RangeChecks()
         self.restart()
 
     def restart(self):
@@ -136,8 +95,7 @@ class ScanChecks:
         if not len(fields.ranges):
             return []
         found = (self._frames(fields), self._angles(fields), self._stamp(fields.stamp, now), self._duration(fields),
-                 self._look_at_ranges(fields))
-        self._seen += 1
+                 *self._ranges.look(fields))
         return [warning for warning in found if warning]
 
     def _frames(self, fields):
@@ -146,7 +104,7 @@ class ScanChecks:
         self._frame, self._size = frame, size
         if old_frame is None:
             return None
-        if frame != old_frame:
+        if frame != old_frame and frame and old_frame:
             self.restart()
             return ScanWarning(Kind.FRAME, f'the scans change from the frame {old_frame!r} to {frame!r}: the odometry '
                                'is that of one laser; give each laser a topic of its own, and name them in scan_topics')
@@ -185,6 +143,11 @@ class ScanChecks:
             return ScanWarning(Kind.STAMP_BACK, f'the stamps of the scans go back by {(last - stamp) / SECOND:.3f} s, '
                                f'to {stamp / SECOND:.3f} s: expected stamps that increase; is a recording played in a '
                                'loop, was the clock set, or are there two drivers on one topic?')
+        steps = len(self._stamps) - 1
+        if steps >= REPEATED and self._steps(lambda a, b: 0 < b - a < OTHER_UNIT) == steps:
+            return ScanWarning(Kind.STAMP_UNIT, f'the stamps of the scans are {(stamp - self._stamps[0]) / steps:.6g} '
+                               'ns apart: expected the time of each scan in nanoseconds; microseconds have to be '
+                               'multiplied by 1000, milliseconds by 1000000')
         if equal(last, stamp) and self._steps(equal) >= REPEATED:
             return ScanWarning(Kind.STAMP_EQUAL, f'the stamps of the scans are equal ({stamp / SECOND:.3f} s), or less '
                                'than 0.1 ms apart: expected the time of each scan; without it there is no speed; the '
@@ -222,42 +185,6 @@ class ScanChecks:
             f'time_increment is {step:.6g} s, so that {len(fields.ranges)} beams last {lasts:.3g} s, but a scan comes '
             f'every {interval:.3g} s: expected a shorter time from one beam to the next, in seconds; mend the driver, '
             'or set odometry.deskew to false'))
-
-    def _look_at_ranges(self, fields):
-        if self._seen < EVERY or self._seen % EVERY == 0:
-            self._ranges = self._judge_ranges(fields)
-        return self._ranges
-
-    def _judge_ranges(self, fields):
-        with np.errstate(invalid='ignore'):
-            values = np.asarray(fields.ranges[::max(len(fields.ranges) // SAMPLE, 1)], dtype=float)
-        values = np.sort(values[(values > NEAREST) & (values < math.inf)])
-        missing = len(values) - np.searchsorted(values, SAME * values[-1]) if len(values) else 0
-        if missing > 1:
-            values = values[:-missing]
-        if len(values) < FEWEST:
-            return None
-        median, low, high = float(values[len(values) // 2]), fields.range_min, fields.range_max
-        limits = f'range_min is {low:.6g} m, range_max {high:.6g} m'
-        if median > MILLIMETRES:
-            return self._lasting(Kind.MILLIMETRES, (low, high), lambda: (
-                f'the ranges look like millimetres: half of them are above {median:.6g}, {limits}; expected metres, '
-                'all three: have the driver divide by 1000'))
-        if 0.0 < BEYOND * high < median:
-            return self._lasting(Kind.RANGE_MAX, high, lambda: (
-                f'the ranges lie beyond range_max: half of them are above {median:.6g} m, {limits}; expected most of '
-                'them between; ranges beyond range_max count as missing returns: mend range_max in the driver'))
-        if median < low:
-            return self._lasting(Kind.RANGE_MIN, low, lambda: (
-                f'the ranges lie below range_min: half of them are below {median:.6g} m, {limits}; expected most of '
-                'them between; ranges below range_min count as missing returns: mend range_min in the driver'))
-        return None
-
-    def _lasting(self, kind, key, text):
-        """Return the last warning of this `kind` if it has the same `key`, else a new warning."""
-        if self._said.get(kind, (None,))[0] != key:
-            self._said[kind] = key, ScanWarning(kind, text())
-        return self._said[kind][1]
 
 
 @dataclass

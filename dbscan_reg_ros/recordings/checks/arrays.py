@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Registration and odometry as programs call them: wrong fields of scans cause a Python warning."""
+import functools
+import warnings
+from collections import defaultdict
+
+from ...core.backend import Backend
+from ...core.geometry.se2 import SE2
+from ...core.odometry import pipeline
+from ...core.odometry.calibration.comparisons import LidarComparisons
+from ...core.odometry.records import OdometryUpdate
+from ...core.odometry.sensor import FIRST, Sensor
+from ...core.parameters.tree import Parameters
+from ...core.registration import pipeline as registration
+from ...core.registration.records import Prior, Registration
+from ...core.scan import Scan
+from .ranges import RangeChecks
+from .scan_checks import ScanChecks, ScanFields
+from .scan_warnings import Kind
+
+
+class Odometry(pipeline.Odometry):
+    """Estimates the poses of a moving sensor, scan by scan; warns once of each kind of wrong fields of its scans.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        All parameters. They can be replaced at any time; new values apply from the next scan on, and existing key
+        frames are not changed.
+    backend : Backend, optional
+        Implementation of the numerical steps; by default the compiled one, if it is built.
+    comparisons : LidarComparisons, optional
+        Comparison of further lidars with the first one; decides whether they are used.
+
+    Attributes
+    ----------
+    comparisons : LidarComparisons
+    """
+
+    def __init__(self, parameters: Parameters = Parameters(), backend: Backend | None = None,
+                 comparisons: LidarComparisons | None = None):
+        super().__init__(parameters, backend, comparisons)
+        self._checks: dict[str, ScanChecks] = defaultdict(ScanChecks)
+        self._stamps: dict[str, int] = {}
+        self._warned: set[tuple[str, Kind]] = set()
+
+    def reset(self, pose: SE2 = SE2()) -> None:  # noqa: D102 - the docstring is inherited
+        for checks in self._checks.values():
+            checks.restart()
+        super().reset(pose)
+
+    def process(self, scan: Scan, prior: Prior | None = None,  # noqa: D102 - the docstring is inherited
+                sensor: Sensor = FIRST) -> OdometryUpdate:
+        fields = ScanFields.from_scan(scan)
+        if scan.stamp == self._stamps.get(sensor.name) == 0:
+            fields = fields._replace(stamp=0)
+        self._stamps[sensor.name] = scan.stamp
+        for warning in self._checks[sensor.name].look(fields):
+            if (sensor.name, warning.kind) not in self._warned:
+                self._warned.add((sensor.name, warning.kind))
+                warnings.warn(warning.text, stacklevel=2)
+        return super().process(scan, prior, sensor)
+
+
+@functools.wraps(registration.register)
+def register(reference, current, *args, **kwargs) -> Registration:  # noqa: D103 - the docstring is that of the core
+    scans = [each for each in (reference, current) if isinstance(each, Scan)]
+    found = {warning.kind: warning.text for scan in scans for warning in RangeChecks().look(ScanFields.from_scan(scan))}
+    for text in found.values():
+        warnings.warn(text, stacklevel=2)
+    return registration.register(reference, current, *args, **kwargs)
