@@ -238,6 +238,8 @@ class NodeCore:
             lidar.log.warn(update.restarted)
         elif update.status is Status.FAILED and update.registration:
             lidar.log.warn(f'scan could not be registered: {lidar.counters.cause or update.registration.reason}')
+        elif update.contradicted:
+            lidar.log.warn(update.contradiction)
 
     def _reset(self, reason: str, initial: InitialPose) -> None:
         """Restart the odometry at the next scan, at which the base has the pose `initial`."""

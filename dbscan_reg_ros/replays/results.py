@@ -25,7 +25,7 @@ from .page.scan_history import ScanHistory
 from .pairs_to_review import PairsToReview
 from .sensor_mounting import received
 from .several_lidars.odometry_with_others import OdometryWithOthers
-from .summary import describe_recordings, summarise, write_metrics
+from .summary import describe_contradictions, describe_recordings, summarise, write_metrics
 from .trajectory import Trajectory
 
 
@@ -99,7 +99,8 @@ class Results:
         closed_map = self._draw_closed(closed, truth) if closed else None
         title = f'{name}: {len(poses)} scans'
         density = self._draw('map.png', poses, title, truth)
-        summary = [*describe_recordings(recordings, counts, bodies, self.on_base is not None), *summarise(measures),
+        summary = [*describe_recordings(recordings, counts, bodies, self.on_base is not None),
+                   *describe_contradictions(self.trajectory), *summarise(measures),
                    *_without_truth(known, stamps)]
         if self.grid:
             placed = self.map_points.placed(closed[0] if closed else poses, self.trajectory.registered)

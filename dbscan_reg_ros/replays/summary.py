@@ -58,6 +58,12 @@ def describe_recordings(recordings, counts, bodies=(), base=False) -> list:
             *(('warning', f'{topic}: {line}' if counts else line) for topic, line in (*seen, *bodies))]
 
 
+def describe_contradictions(trajectory) -> list:
+    """Return a line about the scans that contradict the wheels, as (name, text) pairs; none if none does."""
+    count, (_, text) = trajectory.contradictions, trajectory.contradicted
+    return [('warning', f'{count} scans contradict the wheels, most of all one: {text}')] if count else []
+
+
 def _notes(recordings):
     """Return the notes on how the recordings were read; with several lidars each begins with a topic."""
     return [f'{each.topic}: {note}' if len(recordings) > 1 else note for each in recordings for note in each.notes]

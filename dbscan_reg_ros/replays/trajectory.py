@@ -36,6 +36,10 @@ class Trajectory:
         Whether each scan of the recording was used.
     restarts : int
         Number of restarts of the tracking at the last pose.
+    contradictions : int
+        Number of scans that contradict the wheels.
+    contradicted : (float, str)
+        By how much [m] one of them does most, and a sentence about it.
     problems : list of str
         For each scan that was not used, its number, from 0, and the reason.
     numbers : list of int
@@ -60,6 +64,8 @@ class Trajectory:
     restarts: int = 0
     explanation: str = ''
     interpolated: int = 0
+    contradictions: int = 0
+    contradicted: tuple[float, str] = (0.0, '')
 
     def follow(self, scans, odometry):
         """Process `scans` with `odometry`, an object with the method ``process`` of `Odometry`; yield each result."""
@@ -80,6 +86,8 @@ class Trajectory:
             self.poses.append((pose.x, pose.y, pose.theta))
             self.statuses.append(update.status)
             self.restarts += bool(update.restarted) and update.registration is None
+            self.contradictions += update.contradicted is not None
+            self.contradicted = max(self.contradicted, (update.contradicted_by, update.contradiction))
             yield update
 
     def number(self, count):

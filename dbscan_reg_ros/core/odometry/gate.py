@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..geometry.se2 import DOF, RIGHT_ANGLE, SE2
 from ..geometry.symmetric_matrix import IDENTITY, inverse, mahalanobis
-from ..geometry.tolerance import TINY
+from ..geometry.tolerance import SIGMAS, TINY
 from ..parameters.tree import Parameters
 from ..registration.confidence.model import LIKELY
 from ..registration.records import Prior, Registration, Status
@@ -57,6 +57,15 @@ class Gate:
         self._time_since_found = tracking.lost_time + max(interval.length, interval.elapsed)
         self._wheels_slip = (predictions.external is not None
                              and not self._within(best.pose, motion.pose, motion.prior.covariance))
+
+    def without_wheels(self) -> 'Gate | None':
+        """Return the gate by the motion model alone if `prior.acceleration` does not explain the wheels; else None."""
+        given, change = self._given, self._given.motion.prior.velocity_change
+        if given.external is None or change is None or _squared_distance(
+                given.best.pose, given.motion.pose, given.best.prior.covariance + change) < SIGMAS ** 2:
+            return None
+        alone = dataclasses.replace(given, best=given.motion, external=None, contradicted=given.external)
+        return Gate(alone, self._tracking, self._parameters, self.sensor)
 
     def after(self, interval: ScanInterval) -> 'Gate':
         """Return the same gate with another `interval` since the last scan."""

@@ -153,10 +153,10 @@ class Odometry:
             return update.join(state, features, predictions, sensor, p)
         gate = Gate(predictions, state.tracking, p, sensor)
         # Register to the local map, else to other references; the gate decides which result is believed.
-        outcome = self._search(features, gate)
+        gate, outcome = self._search(features, gate)
         if timing.deskews and self._starts_in_motion(outcome, gate):
             features, gate = self._start_in_motion(scan, outcome, gate)
-            outcome = self._search(features, gate)
+            gate, outcome = self._search(features, gate)
         # Not found: dead reckoning, or a restart.
         if outcome.match is None and outcome.rejoined is None:
             return update.coast(state, features, outcome, gate, p)
@@ -251,11 +251,15 @@ class Odometry:
             self._limited[limits] = dataclasses.replace(self._parameters, scan=limits)
         return self._limited[limits]
 
-    def _search(self, features: Features, gate: Gate) -> Outcome:
-        """Register the scan to the local map and, if needed, to other references."""
-        outcome = ReferenceSearch(features, self._state, gate, self._parameters, self._search_parameters).run()
+    def _search(self, features: Features, gate: Gate) -> tuple[Gate, Outcome]:
+        """Register the scan to the local map and, if needed, to other references; where wheels slip, without them."""
+        def search(gate: Gate) -> Outcome:
+            return ReferenceSearch(features, self._state, gate, self._parameters, self._search_parameters).run()
+        alone = gate.without_wheels()
+        outcome = alone and search(alone)
+        gate, outcome = (alone, outcome) if alone and outcome and outcome.is_certain else (gate, search(gate))
         update.remember_search(self._state, outcome, gate.sensor)
-        return outcome
+        return gate, outcome
 
     def _starts_in_motion(self, outcome: Outcome, gate: Gate) -> bool:
         """Whether the second scan of a track proves that the sensor moved during the first."""

@@ -56,6 +56,8 @@ class Predictions:
         Time since the last scan.
     unconstrained_time : float [s]
         Time since the last scan that constrained every direction.
+    contradicted : Prior or None
+        Motion from an external source that is not used, as the scan and the motion model contradict it.
     """
 
     best: Prediction
@@ -63,6 +65,7 @@ class Predictions:
     external: Prior | None
     interval: ScanInterval
     unconstrained_time: float
+    contradicted: Prior | None = None
 
     @property
     def by_motion_model(self) -> bool:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Record of one step of the odometry."""
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -57,6 +58,8 @@ class OdometryUpdate:
         Whether this is the first scan of another sensor, added to a track that a first sensor started.
     repeats : bool
         Whether the scan was not used because its ranges are those of the scan before, while others are new.
+    contradicted : SE2 or None
+        Motion that an external prior measured instead of `increment`, and that was not used: the scan contradicts it.
     """
 
     stamp: int
@@ -79,6 +82,21 @@ class OdometryUpdate:
     sensor: Sensor = FIRST
     joined: bool = False
     repeats: bool = False
+    contradicted: SE2 | None = None
+
+    @property
+    def contradicted_by(self) -> float:
+        """By how much [m] the `contradicted` motion differs from `increment`; 0 without one."""
+        return math.dist(self.increment.as_tuple()[:2], self.contradicted.as_tuple()[:2]) if self.contradicted else 0.0
+
+    @property
+    def contradiction(self) -> str:
+        """Where and by how much the scan contradicts the wheels; empty if it does not."""
+        if self.contradicted is None:
+            return ''
+        wheels, scans = (math.hypot(each.x, each.y) for each in (self.contradicted, self.increment))
+        return (f'the wheels measured {wheels:.2f} m, the scans {scans:.2f} m, up to x {self.pose.x:.2f} m, '
+                f'y {self.pose.y:.2f} m; the scans are used: check the wheels for slip and lost ticks')
 
     @property
     def starts_track(self) -> bool:

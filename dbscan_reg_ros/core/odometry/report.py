@@ -9,7 +9,7 @@ from ..features.records import Features
 from ..geometry.se2 import SE2, turned
 from ..geometry.symmetric_matrix import IDENTITY, diagonal
 from ..geometry.tolerance import RESOLUTION, TINY
-from ..registration.records import Registration, Status
+from ..registration.records import Prior, Registration, Status
 from .mapping.key_frame import KeyFrame
 from .models.covariance import coordinate_covariance
 from .models.stamps import ScanInterval
@@ -30,6 +30,7 @@ class ReportedStep(NamedTuple):
     sensor: Sensor = FIRST
     joined: bool = False
     repeats: bool = False
+    contradicted: Prior | None = None
 
 
 def report(state: TrackState, features: Features, step: ReportedStep) -> OdometryUpdate:
@@ -46,7 +47,8 @@ def report(state: TrackState, features: Features, step: ReportedStep) -> Odometr
         reference_changed=step.is_key_frame, restarted=step.interval.reason,
         wheel_correction=state.wheels.matrix.copy(),
         number=number, reference_number=None if frame is None else frame.number, sensor=step.sensor,
-        joined=step.joined, repeats=step.repeats)
+        joined=step.joined, repeats=step.repeats,
+        contradicted=None if step.contradicted is None else step.sensor.first_prior(step.contradicted).transform)
 
 
 def report_waiting(state: TrackState, features: Features, sensor: Sensor, repeats: bool = False) -> OdometryUpdate:

@@ -238,12 +238,12 @@ class _FoundScan:
         state.sensors[sensor.name].stamps.judge(middle)
         is_key_frame = self._update_key_frames(aligned)
         # Report, and learn from the motion.
-        zero_velocity_gate = self._parameters.odometry.zero_velocity_gate
-        pose = state.output.averaged(
-            state.pose, sensor.first_covariance(covariance), interval.length, zero_velocity_gate)
+        pose = state.output.averaged(state.pose, sensor.first_covariance(covariance), interval.length,
+                                     self._parameters.odometry.zero_velocity_gate)
         update = report(state, match.features, ReportedStep(
             pose=pose, interval=interval, status=registration.status, registration=registration,
-            key_frame=match.key_frame, is_key_frame=is_key_frame, sensor=sensor))
+            key_frame=match.key_frame, is_key_frame=is_key_frame, sensor=sensor,
+            contradicted=gate.predictions.contradicted))
         self._learn(before.inverse() @ state.pose)
         return update
 
@@ -281,16 +281,16 @@ class _FoundScan:
 
     def _learn(self, motion: SE2) -> None:
         """Estimate the systematic errors of the external prior from the observed `motion`; set the mode to tracking."""
-        state, external, sensor = self._state, self._gate.predictions.external, self._sensor
+        state, predictions, sensor = self._state, self._gate.predictions, self._sensor
+        external = predictions.external or predictions.contradicted
         distance = self._parameters.prior.calibration_distance
         ok = self._registration.status is Status.OK
         observability = observability_ratio(self._registration, self._parameters.decision) if ok else 0.0
-        if external is not None and self._gate.supports_external(sensor.pose_at(state.pose)):
-            if distance:
-                weight = min(state.tracking.observability, observability)
-                state.wheels.learn(sensor.first_prior(external), motion, weight, distance)
-            else:
-                state.wheels = WheelCalibration()
+        if external is not None and not distance:
+            state.wheels = WheelCalibration()
+        elif external is not None and not predictions.interval.gap:
+            state.wheels.learn(sensor.first_prior(external), motion, min(state.tracking.observability, observability),
+                               distance, self._gate.supports_external(sensor.pose_at(state.pose)))
         state.tracking = dataclasses.replace(
             state.tracking, mode=Mode.TRACKING, lost_time=0.0, observability=observability,
             score=self._match.registration.score, found=state.pose)

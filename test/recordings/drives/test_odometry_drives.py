@@ -10,8 +10,13 @@ from benchmarks.odometry.moving_courses import curved
 from rooms import outline
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Status
+from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import as_vectors
 from dbscan_reg_ros.recordings import open_recording
+from dbscan_reg_ros.replays.odometry import replay_odometry
+from dbscan_reg_ros.replays.summary import describe_contradictions
+from dbscan_reg_ros.replays.trajectory import Trajectory
+from dbscan_reg_ros.robot.parameters import NodeParameters
 from dbscan_reg_ros.simulation import LIDARS, PRESETS, Lidar, World, corridor, follow, measure, rooms, simulate
 
 SECOND = 1_000_000_000
@@ -86,6 +91,21 @@ def test_twists_are_right_where_scans_are_dropped_at_random():
     off = np.array(off)
     assert ((np.hypot(off[:, 0], off[:, 1]) > 0.3) | (off[:, 2] > 0.4)).mean() <= 0.02
     assert (off < 5.0 * np.array(sigmas)).all()
+
+
+def test_wheels_that_lost_ticks_do_not_win_against_the_scans(cases):
+    """A car whose computer stalls for 0.43 s: by the wheels it drove 0.3 m, by the scans and before and after 1.3 m."""
+    recording = open_recording(cases / 'wheels_lost' / 'ual_wheels_gap.bag')
+    odometry = replay_odometry(NodeParameters(), [], recording.topic, Mounting(), recording.wheel_odometry())
+    trajectory = Trajectory()
+    updates = list(trajectory.follow(recording.scans(), odometry))
+    assert trajectory.statuses.count(Status.OK) >= 104
+    assert trajectory.measures(10.0)['driven_m'] == pytest.approx(18.4, abs=0.3)
+    worst = max(updates, key=lambda update: update.contradicted_by)
+    assert worst.interval == pytest.approx(0.43, abs=0.01)
+    assert worst.contradicted_by == pytest.approx(1.0, abs=0.1)
+    (_, warning), = describe_contradictions(trajectory)
+    assert f'x {worst.pose.x:.2f} m' in warning
 
 
 @pytest.mark.parametrize(('asked', 'fewest', 'most'), [(0.0, 2, 18), (10.0, 0, 0)])

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry.se2 import DOF, SE2
+from ...geometry.tolerance import SIGMAS
 from ...registration.records import Prior
 
 
@@ -32,19 +33,21 @@ class WheelCalibration:
         """Solve the ridge regression."""
         coefficients = np.linalg.solve(self._moments, self._products).T
         self.matrix: NDArray[np.float64] = np.clip(coefficients, -_MAX_COEFFICIENT, _MAX_COEFFICIENT)
-        variance_ratio = np.clip(self._squared_residuals / self._distance, _MIN_SIGMA_RATIO ** 2, 1.0)
+        variance_ratio = np.maximum(self._squared_residuals / self._distance, _MIN_SIGMA_RATIO ** 2)
         self._sigma_ratio: NDArray[np.float64] = np.sqrt(variance_ratio)
 
     def corrected(self, prior: Prior) -> Prior:
-        """Remove the systematic error from the motion of a `prior`; its covariance is not changed."""
-        motion = prior.transform
-        return Prior(motion @ SE2.from_array(self.matrix @ motion.as_array()), prior.covariance)
+        """Remove the systematic error from the motion of a `prior`; increase its covariance to the noise observed."""
+        motion, ratio = prior.transform, np.maximum(self._sigma_ratio, 1.0)
+        covariance = prior.covariance * np.outer(ratio, ratio)
+        return Prior(motion @ SE2.from_array(self.matrix @ motion.as_array()), covariance)
 
     def tightened(self, prior: Prior) -> Prior:
-        """Reduce the covariance of a `prior` to the noise observed so far; it is never increased."""
-        return Prior(prior.transform, prior.covariance * np.outer(self._sigma_ratio, self._sigma_ratio))
+        """Reduce the covariance of a `corrected` prior to the noise observed so far."""
+        ratio = np.minimum(self._sigma_ratio, 1.0)
+        return Prior(prior.transform, prior.covariance * np.outer(ratio, ratio))
 
-    def learn(self, prior: Prior, observed: SE2, weight: float, memory: float) -> None:
+    def learn(self, prior: Prior, observed: SE2, weight: float, memory: float, supported: bool = True) -> None:
         """Update the calibration and the estimate of the noise from one motion.
 
         Parameters
@@ -57,6 +60,8 @@ class WheelCalibration:
             Weight of this motion, from 0 to 1.
         memory : float [m]
             Distance travelled after which the weight of an earlier motion has faded to 1 / e; 1 rad counts as 1 m.
+        supported : bool
+            Whether both motions agree; otherwise only the noise is updated.
         """
         motion, error = prior.transform.as_array(), (prior.transform.inverse() @ observed).as_array()
         distance = math.sqrt(motion @ motion)
@@ -64,9 +69,11 @@ class WheelCalibration:
         residual = error - self.matrix @ motion
         added, initial = weight * distance, (1.0 - fading) * _INITIAL_DISTANCE
         ridge = (1.0 - fading) * _RIDGE * np.eye(DOF)
-        self._moments = fading * self._moments + weight * motion[:, None] * motion + ridge
-        self._products = fading * self._products + weight * motion[:, None] * error
-        squared = added * residual ** 2 / prior.covariance.diagonal()
+        if supported:
+            self._moments = fading * self._moments + weight * motion[:, None] * motion + ridge
+            self._products = fading * self._products + weight * motion[:, None] * error
+        # Outliers are bounded by the noise observed so far.
+        squared = added * np.minimum(residual ** 2 / prior.covariance.diagonal(), (SIGMAS * self._sigma_ratio) ** 2)
         self._squared_residuals = fading * self._squared_residuals + squared + initial
         self._distance = fading * self._distance + added + initial
         self._solve()
