@@ -4,6 +4,8 @@ import json
 import os
 import re
 import subprocess
+from html.parser import HTMLParser
+from urllib.parse import unquote, urlsplit
 
 import pytest
 
@@ -37,10 +39,66 @@ def run(root, *words):
     return done.stdout
 
 
+class Page(HTMLParser):
+    """What a page links to and shows, its anchors, and its text outside code."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.links, self.anchors, self.text, self._code = [], {''}, '', 0
+        self.feed(path.read_text())
+
+    def handle_starttag(self, tag, attributes):
+        for name, value in attributes:
+            if name == 'id':
+                self.anchors.add(value)
+            elif name in ('href', 'src'):
+                self.links.append(value)
+        self._code += tag in ('code', 'pre')
+
+    def handle_endtag(self, tag):
+        self._code -= tag in ('code', 'pre')
+
+    def handle_data(self, data):
+        self.text += '' if self._code else data
+
+
+def faults(site):
+    """What is wrong on the pages of a site: (page, link without a target) or (page, mark of an equation)."""
+    pages = {path: Page(path) for path in site.glob('*.html')}
+    for path, page in pages.items():
+        for link in page.links:
+            parts = urlsplit(link)
+            target = path.parent / unquote(parts.path) if parts.path else path
+            anchors = pages[target].anchors if target in pages else {''}
+            if not parts.netloc and (not target.exists() or unquote(parts.fragment) not in anchors):
+                yield path.stem, link
+        yield from ((path.stem, mark) for mark in re.findall(r'\$\$', page.text))
+
+
+@pytest.mark.usefixtures('docs_python')
+@pytest.mark.parametrize('text, fault', [
+    ('<a href="other.html#there">1</a> <img src="a.png"> <a href="https://example.org/none.html">2</a> <code>$$</code>',
+     None),
+    ('<a href="none.html">1</a>', 'none.html'),
+    ('<a href="#none">1</a>', '#none'),
+    ('<a href="other.html#none">1</a>', 'other.html#none'),
+    ('<img src="none.gif">', 'none.gif'),
+    ('<p>$$x^2$$</p>', '$$'),
+])
+def test_dead_links_missing_pictures_and_raw_equations_are_found(tmp_path, text, fault):
+    (tmp_path / 'a.png').touch()
+    (tmp_path / 'other.html').write_text('<h1 id="there">There</h1>')
+    (tmp_path / 'page.html').write_text(text)
+    assert set(faults(tmp_path)) == ({('page', fault)} if fault else set())
+
+
 def test_the_site_is_built_without_a_warning(root, docs_python, tmp_path):
     run(root, docs_python, '-m', 'sphinx', '-q', '-W', '--keep-going', '-b', 'html', root / 'doc', tmp_path / 'site')
     pages = {path.stem for path in (tmp_path / 'site').glob('*.html')}
     assert {'index', 'api', *(path.stem for path in (root / 'doc').glob('*.md'))} <= pages
+    assert list(faults(tmp_path / 'site')) == []
+    equations = re.findall(r'^\$\$', (root / 'doc' / 'method.md').read_text(), re.MULTILINE)
+    assert (tmp_path / 'site' / 'method.html').read_text().count('<math') == len(equations) > 0
     api = (tmp_path / 'site' / 'api.html').read_text()
     from dbscan_reg_ros import __all__ as public
     assert [name for name in public if f'id="dbscan_reg_ros.{name}"' not in api] == []
