@@ -7,10 +7,7 @@ import numpy as np
 
 from ..core.geometry.rounding import fixed
 from ..core.geometry.se2 import SE2
-from ..core.registration.records import Status
-
-UNKNOWN_HEADING = 0.5 * math.pi
-"""A heading with a larger standard deviation [rad] is unknown."""
+from ..core.registration.records import UNKNOWN_HEADING, Status
 
 
 class Timing(NamedTuple):
@@ -84,7 +81,7 @@ class LidarsOfPair(NamedTuple):
 
 def status_text(registration) -> str:
     """Return the status as a text; a result of the method of the paper was not checked."""
-    if registration.status is Status.OK and registration.evidence is None:
+    if registration.status is Status.OK and registration.weakest_information is None:
         return 'found (the method of the paper has no check)'
     return registration.status.value
 
@@ -108,10 +105,11 @@ def describe(steps, timing, covariance=False, lidars=None) -> list:
     if truth is not None and found.status is not Status.OK and not steps.by_paper:
         score, overlap = steps.score_at(truth)
         lines.append(f'            at the true motion: score {fixed(score, 3)}, overlap {overlap:.3f}')
-    lines += [f'sigma       {_sigma(found.covariance)}, in the frame of the current scan']
+    spread = found.covariance_in_reference
+    lines += [f'sigma       {_sigma(spread)}, in the frame of the reference']
     if covariance:
-        lines += ['covariance  of x, y [m] and theta [rad], in the frame of the current scan',
-                  *('            ' + ' '.join(f'{value:12.4e}' for value in row) for row in found.covariance)]
+        lines += ['covariance  of x, y [m] and theta [rad], in the frame of the reference',
+                  *('            ' + ' '.join(f'{value:12.4e}' for value in row) for row in spread)]
     if timing.interval is not None:
         lines.append(f'time        {fixed(timing.interval, 3)} s from the reference to the current scan')
     lines += _describe_motion_during_scan(steps, timing)

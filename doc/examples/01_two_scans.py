@@ -19,7 +19,7 @@ print(current)
 
 # No initial guess is needed. The result is the pose of the sensor at the current scan, in the frame of the reference.
 result = register(reference, current)
-sigma = np.sqrt(np.diag(result.covariance))
+sigma = np.sqrt(np.diag(result.covariance_in_reference))
 motion = result.transform
 print(f'x {motion.x:.3f} m, y {motion.y:.3f} m, theta {math.degrees(motion.theta):.2f} deg')
 print(f'standard deviations {sigma[0]:.3f} m, {sigma[1]:.3f} m, {math.degrees(sigma[2]):.2f} deg')

@@ -181,7 +181,9 @@ def test_the_largest_panel_of_the_sheet_is_the_overlay_and_plans_mark_the_sensor
 
 def test_the_last_scan_of_a_snapshot_as_the_node_registered_it(snapshot, updates, tmp_path, capsys):
     assert main([str(snapshot), '--out', str(tmp_path)]) == 0
-    printed, transform = printed_motion(capsys.readouterr().out), updates[-1].registration.transform
+    text, transform = capsys.readouterr().out, updates[-1].registration.transform
+    assert text.startswith('status      ok\n')
+    printed = printed_motion(text)
     assert printed == pytest.approx([transform.x, transform.y, math.degrees(transform.theta)], abs=6e-4)
     check_pictures(tmp_path / 'kept_5' / 'latest')
 

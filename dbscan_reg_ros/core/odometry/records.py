@@ -119,5 +119,5 @@ class OdometryUpdate:
         marks = ', becomes a reference' * self.reference_changed
         marks += f', restarted: {self.restarted}' * bool(self.restarted)
         return (f'OdometryUpdate(scan {self.number} at {self.stamp} ns, {self.pose.brief()}, '
-                f'{sigma_text(self.covariance)}, twist {vx:.3f} m/s, {vy:.3f} m/s, {omega:.3f} rad/s, '
+                f'{sigma_text(self.covariance, "odom")}, twist {vx:.3f} m/s, {vy:.3f} m/s, {omega:.3f} rad/s, '
                 f'{self.status.name}{marks})')

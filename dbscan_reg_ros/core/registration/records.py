@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.array_types import ComplexArray, FloatArray, IntArray
-from ..geometry.se2 import DOF, SE2, wrap
+from ..geometry.se2 import DOF, SE2, turned, wrap
 
 
 class Status(Enum):
@@ -35,10 +35,14 @@ class Hypothesis:
     log_odds: float = -math.inf
 
 
-def sigma_text(covariance: FloatArray) -> str:
-    """Return the standard deviations of a covariance ``(3, 3)`` of (x, y, theta) as a text."""
+UNKNOWN_HEADING = 0.5 * math.pi
+"""A heading with a larger standard deviation [rad] is unknown."""
+
+
+def sigma_text(covariance: FloatArray, frame: str) -> str:
+    """Return the standard deviations of a covariance ``(3, 3)`` of (x, y, theta), and its frame, as a text."""
     x, y, theta = np.sqrt(np.diag(covariance))
-    return f'sigma {x:.2g} m, {y:.2g} m, {math.degrees(theta):.2g} deg'
+    return f'sigma {x:.2g} m, {y:.2g} m, {math.degrees(theta):.2g} deg in {frame}'
 
 
 def no_matches() -> IntArray:
@@ -161,9 +165,14 @@ class Registration:
     def __repr__(self) -> str:
         """Return one line."""
         reason = f': {self.reason}' if self.reason else ''
-        return (f'Registration({self.transform.brief()}, {sigma_text(self.covariance)}, score {self.score:.3f}, '
-                f'overlap {self.overlap:.3f}, confidence {self.confidence:.2f}, {len(self.hypotheses)} hypotheses, '
-                f'{self.status.name}{reason})')
+        sigma = sigma_text(self.covariance_in_reference, 'the reference')
+        return (f'Registration({self.transform.brief()}, {sigma}, score {self.score:.3f}, overlap {self.overlap:.3f}, '
+                f'confidence {self.confidence:.2f}, {len(self.hypotheses)} hypotheses, {self.status.name}{reason})')
+
+    @property
+    def covariance_in_reference(self) -> FloatArray:
+        """``(3, 3)``: the `covariance` in the frame of the reference, that of `transform`."""
+        return turned(self.covariance, self.transform.theta)
 
     @property
     def margin(self) -> float:
@@ -197,7 +206,7 @@ class Prior:
 
     def __repr__(self) -> str:
         """Return one line."""
-        return f'Prior({self.transform.brief()}, {sigma_text(self.covariance)})'
+        return f'Prior({self.transform.brief()}, {sigma_text(self.covariance, "the current frame")})'
 
     @property
     def translation_sigma(self) -> float:

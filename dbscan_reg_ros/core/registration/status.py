@@ -15,7 +15,7 @@ from ..geometry.tolerance import SAME
 from ..parameters.registration import DecisionParameters
 from .confidence.evidence import collect_evidence
 from .confidence.model import LIKELY, confidence, log_odds, probability
-from .records import Evidence, Hypothesis, Prior, Registration, Status
+from .records import UNKNOWN_HEADING, Evidence, Hypothesis, Prior, Registration, Status
 from .rotation import wrap_period
 from .scoring import same
 from .search import Problem, Ranking
@@ -58,19 +58,23 @@ def decide(problem: Problem, fine: Ranking) -> Registration:
     covariance, observed, rivals, evidence, odds = current.backend.step(assess)(problem, fine)
     degenerate = observed.weak < p.min_information
     certainty = confidence(odds[0], np.array(odds)[rivals].tolist())
-    status, reason = judge(score, evidence, observed, certainty, p)
     hypotheses = tuple(Hypothesis(SE2.from_array(candidate), *values) for candidate, *values
                        in zip(fine.candidates.tolist(), fine.score.tolist(), odds, strict=True))
     transform = hypotheses[0].transform
     if certainty < p.min_confidence:
         covariance = covariance + rival_covariance(fine.candidates, np.array(odds), rivals)
+    status, reasons = judge(score, evidence, observed, certainty, p)
+    if certainty < p.min_confidence and rivals.any():
+        reasons.append(f'rivals: {np.count_nonzero(rivals)}')
+    if status is not Status.OK and covariance[2, 2] > UNKNOWN_HEADING ** 2:
+        reasons.append('heading unknown')
     found = Registration(
         transform, covariance, status,
         overlap=float(fine.overlap[0]), score=score, hypotheses=hypotheses,
         degenerate_direction=math.remainder(observed.angle, math.pi) if degenerate else None,
-        find_matches=partial(match_segments, reference.segments, current.segments, transform), reason=reason,
-        weakest_information=observed.weak, rotation_unobservable=observed.rotation < p.min_information,
-        confidence=certainty, evidence=evidence,
+        find_matches=partial(match_segments, reference.segments, current.segments, transform),
+        reason='; '.join(reasons), weakest_information=observed.weak,
+        rotation_unobservable=observed.rotation < p.min_information, confidence=certainty, evidence=evidence,
         rivals=tuple(each for each, rival in zip(hypotheses, rivals.tolist(), strict=True) if rival))
     return found if problem.prior is None else demoted_if_poor(found, p)
 
@@ -132,21 +136,23 @@ def failed(reason: str) -> Registration:
 
 
 def judge(score: float, evidence: Evidence, observed: Observability, certainty: float,
-          parameters: DecisionParameters) -> tuple[Status, str]:
-    """Return the status of a result from its score, evidence and confidence, and the reason ('' for ``OK``)."""
-    low = [low_score_reason(score, parameters.min_score)] if score < parameters.min_score else []
+          parameters: DecisionParameters) -> tuple[Status, list[str]]:
+    """Return the status of a result from its score, evidence and confidence, and all reasons; none for ``OK``."""
+    few, low, least = [], [], parameters.min_information
+    if observed.weak < least:
+        few.append(few_points_reason(observed.weak, least))
+    if observed.rotation < least:
+        few.append(f'the rotation is constrained by {observed.rotation:.2f} points (scaled to 1 m), expected at least '
+                   f'{least}')
+    if score < parameters.min_score:
+        low.append(low_score_reason(score, parameters.min_score))
     if certainty < parameters.min_confidence:
         low.append(f'confidence {certainty:.2f}, expected at least {parameters.min_confidence:.3g}')
     if score < parameters.min_score and probability(log_odds(evidence)) < LIKELY:
-        return Status.FAILED, '; '.join(low)
-    if observed.weak < parameters.min_information:
-        return Status.DEGENERATE, few_points_reason(observed.weak, parameters.min_information)
-    if observed.rotation < parameters.min_information:
-        return Status.DEGENERATE, (f'the rotation is constrained by {observed.rotation:.2f} points (scaled to 1 m), '
-                                   f'expected at least {parameters.min_information}')
-    if certainty < parameters.min_confidence:
-        return Status.AMBIGUOUS, '; '.join(low)
-    return Status.OK, ''
+        return Status.FAILED, low + few
+    if few:
+        return Status.DEGENERATE, few + low
+    return (Status.AMBIGUOUS, low) if certainty < parameters.min_confidence else (Status.OK, [])
 
 
 def low_score_reason(score: float, minimum: float) -> str:

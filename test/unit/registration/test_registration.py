@@ -93,6 +93,20 @@ def test_a_prior_decides_the_heading_in_a_bare_corridor_and_the_translation_alon
     assert along @ found.covariance @ along > 100.0
 
 
+def test_a_result_in_a_corridor_after_a_rotation_shows_what_is_unknown_in_the_frame_of_the_reference():
+    walls = np.array([[(-60.0, -1.0), (60.0, -1.0)], [(60.0, 1.0), (-60.0, 1.0)]])
+    geometry = ScanGeometry(-math.pi, FULL.angle_increment, FULL.size, 0.0, 12.0)
+    found = register(features(SE2(), geometry, 0.01, 1, walls), features(SE2(0.0, 0.1, 1.5), geometry, 0.01, 2, walls))
+    assert found.status is Status.DEGENERATE
+    for part in ('translation along one direction', 'confidence', 'rivals: ', 'heading unknown'):
+        assert part in found.reason
+    sure = register(features(SE2(), geometry, 0.01, 1, walls), features(SE2(0.0, 0.1, 1.5), geometry, 0.01, 2, walls),
+                    prior=Prior(SE2(0.0, 0.1, 1.5), np.diag([0.3, 0.3, 0.1]) ** 2))
+    x, y, _ = np.sqrt(np.diag(sure.covariance_in_reference))
+    assert x > 5.0 and y < 0.05
+    assert f'sigma {x:.2g} m, {y:.2g} m, ' in repr(sure) and 'in the reference' in repr(sure)
+
+
 def test_the_best_hypothesis_is_the_result():
     found = register(features(SE2()), features(SE2(0.1, 0.0, 0.4)))
     odds = [hypothesis.log_odds for hypothesis in found.hypotheses]
