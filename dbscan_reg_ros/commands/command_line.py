@@ -110,9 +110,9 @@ def add_mounting(parser):
 
 def add_parameters(parser, use='', otherwise=''):
     """Add the argument ``--params-file``; `use` follows what the file is, `otherwise` what its default is."""
-    parser.add_argument('--params-file', metavar='YAML', help='parameter file as for ROS 2 nodes, or the name of a '
-                        f'ready-made parameter set: {", ".join(ready_made())}{use} (default: the default '
-                        f'values{otherwise})')
+    parser.add_argument('--params-file', metavar='YAML', action='append', help='parameter file as for ROS 2 nodes, or '
+                        f'the name of a ready-made parameter set: {", ".join(ready_made())}{use}; if given more than '
+                        f'once, a later file takes precedence (default: the default values{otherwise})')
 
 
 def add_workers(parser):
@@ -159,10 +159,11 @@ def shortened(problems) -> list:
     return [*problems[:MOST_SHOWN], f'and {more} more'] if more > 0 else list(problems)
 
 
-def note_unused(command, path, parameters, used):
-    """Print which parameters set in the file at `path` have no effect in `command`; those named in `used` have one."""
+def note_unused(command, paths, parameters, used):
+    """Print which parameters that the files at `paths` set have no effect in `command`; those `used` have one."""
     if names := parameters.unused(used):
-        print(f'{command}: {path}: these parameters have no effect in {command}: {", ".join(names)}', file=sys.stderr)
+        print(f'{command}: {", ".join(paths)}: these parameters have no effect in {command}: {", ".join(names)}',
+              file=sys.stderr)
 
 
 def note_warnings(command, recording, most=None):

@@ -40,7 +40,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'and trajectories use the first one only. doc/faq.md, "Comparing methods", defines every '
                          'column. Exit status 0: B is not worse; 1: B is worse in translation or in rotation (with '
                          '--all: any is); 2: an argument or a recording cannot be used; 3: not worse, but a recording '
-                         'is not judged, because B has no pose for more than 10 % of its scans.')
+                         'is not judged, because B has no pose for more than 10 % of its scans, or because its true '
+                         'motion is unknown; then paths, ends, maps and differences are printed.')
     parser.add_argument('a', metavar='A', help='a parameter file; or the name of a ready-made parameter set: '
                         f'defaults, {", ".join(ready_made())}; or a method: {", ".join(METHODS)} (dbscan: the '
                         'defaults); or MODULE:FUNCTION or MODULE:CLASS, as for --method; or NAME=FILE, as for '
@@ -76,10 +77,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def compare(args):
     """Run all competitors over every recording; print and write the comparison; return the exit `status`."""
-    from ..evaluation.comparison import known_motion
     from ..evaluation.competitor_results import describe as describe_results
     from ..evaluation.competitor_results import results_of
     from ..evaluation.known_motion import KnownMotion
+    from ..evaluation.without_truth import describe_unjudged, measures_without_truth
     from ..recordings import find_recording
     from ..recordings.truth import read_truth
     from ..replays.lidars import Lidars, parse_mountings
@@ -97,7 +98,7 @@ def compare(args):
     if args.truth:
         known = [KnownMotion(read_truth(args.truth, recordings[0]), None, None)]
     else:
-        known = [known_motion(recording) for recording in recordings]
+        known = [KnownMotion.of(recording) for recording in recordings]
     for recording in recordings:
         note_warnings('compare', recording)
     if args.scheduler:
@@ -113,9 +114,17 @@ def compare(args):
         each[1].mkdir()
         results.append(results_of(*each, comparisons))
     lines = describe_results([*itertools.chain(*results)]) + note_deskewing(competitors, recordings)
-    text = '\n\n'.join(['\n'.join(lines), *map(describe, comparisons)])
+    unjudged = {name: measures_without_truth(recording, paths_of)
+                for name, recording, motion, paths_of in zip(names, recordings, known, trajectories, strict=True)
+                if not motion.is_known}
+    named = [f'{letter} {each.name}' for letter, each in zip(LETTERS, competitors, strict=False)]
+    tables = [describe_unjudged(name, named, found) for name, found in unjudged.items()]
+    text = '\n\n'.join(['\n'.join(lines), *tables, *map(describe, comparisons)])
     print(text, flush=True)
-    write_comparison(folder, comparisons, results, text)
+    for name, rows in zip(names, results, strict=True):
+        for row, found in zip(rows, unjudged.get(name, ()), strict=False):
+            row.notes.append(found.note)
+    write_comparison(folder, comparisons, results, text, unjudged)
     write_pages(folders, recordings, known, trajectories, results)
     point_latest(folder)
     print(f'results  {folder}')
@@ -132,7 +141,7 @@ def chosen(args) -> list:
     for competitor in competitors:
         if competitor.parameters:
             used = REPLAYED | wheel_parameters(competitor.parameters) | ({'scan_topics'} if args.topic else set())
-            note_unused('compare', competitor.name, competitor.parameters, used)
+            note_unused('compare', [competitor.name], competitor.parameters, used)
     return competitors
 
 
@@ -179,6 +188,8 @@ def compared(followed, competitors, seed) -> list:
         for name, (known, trajectories) in followed.items():
             a, b = trajectories[0], trajectories[place]
             covered[name] = coverage(a, b)
+            if not known.is_known:
+                continue
             try:
                 pairs[name] = paired(known, a, b)
             except TooShort:
@@ -199,7 +210,7 @@ def status(comparisons) -> int:
     return INCOMPLETE if any(comparison.not_judged for comparison in comparisons) else 0
 
 
-def write_comparison(folder, comparisons, results, text):
+def write_comparison(folder, comparisons, results, text, unjudged):
     """Write table.txt, comparison.json, comparison.png (B against A) and a picture for each competitor after B."""
     import dataclasses
     import json
@@ -210,7 +221,8 @@ def write_comparison(folder, comparisons, results, text):
     contents = [{'b': c.b, 'judged': not c.not_judged, 'coverage': c.coverage, 'differences': {
         name: {d.unit: dataclasses.asdict(d) for d in row} for name, row in c.table.items()}} for c in comparisons]
     content = {'table': [each.as_json() for each in itertools.chain(*results)], 'a': comparisons[0].a, **contents[0],
-               'others': contents[1:]}
+               'others': contents[1:],
+               'without_truth': {name: [*map(dataclasses.asdict, found)] for name, found in unjudged.items()}}
     (folder / 'comparison.json').write_text(json.dumps(content, indent=1) + '\n', encoding='utf-8')
     for c in comparisons:
         if c.table:
@@ -237,7 +249,8 @@ def describe(comparison) -> str:
 
     letter, table = comparison.letter, comparison.table
     width = max(len(name) for name in (*table, 'recording'))
-    lines = [f'{"recording":{width}}  error over 1 m          A          {letter}      {letter} - A    interval']
+    lines = [f'{"recording":{width}}  error over 1 m          A          {letter}      {letter} - A    interval'
+             ] if table else []
     for name, row in table.items():
         for d, what in zip(row, ('translation', 'rotation'), strict=True):
             verdict = f'{letter} {d.verdict}' if d.verdict and name not in comparison.not_judged else ''
@@ -255,11 +268,20 @@ def describe(comparison) -> str:
 
 
 def _conclusion(comparison):
+    from ..evaluation.comparison import ALIKE, NOT_DECIDED
+
     few = f'it has poses for less than {100.0 * comparison.LEAST_COVERAGE:.0f} % of the scans'
-    judged = [name for name in comparison.coverage if name not in comparison.not_judged]
+    left = comparison.not_judged
+    unknown = all(name not in comparison.table and comparison.coverage[name] >= comparison.LEAST_COVERAGE
+                  for name in left)
+    reason = 'the true motion is unknown' if unknown else few
+    judged = [name for name in comparison.coverage if name not in left]
     if not judged:
-        return f'is not judged: {few}'
-    if not comparison.not_judged:
-        return f'is {comparison.verdict(ALL)}'
-    return (f'is {comparison.verdict(ALL)} over {", ".join(judged)}; it is not judged on '
-            f'{", ".join(comparison.not_judged)}, where {few}')
+        return f'is not judged: {reason}'
+    verdict = f'is {comparison.verdict(ALL)}'
+    if NOT_DECIDED in verdict:
+        verdict += (f' (the interval contains 0 and differences of more than {100.0 * ALIKE:.0f} %: expected a longer '
+                    'drive, or more of them)')
+    if not left:
+        return verdict
+    return f'{verdict} over {", ".join(judged)}; it is not judged on {", ".join(left)}, where {reason}'

@@ -62,11 +62,11 @@ def demo(args):
         return _report(recording, answers, mounting, out, faults)
 
 
-def _node_words(path, parameters, topics) -> list:
-    """Return the arguments of the node: its parameter file, and arguments for the topics of the lidars."""
+def _node_words(paths, parameters, topics) -> list:
+    """Return the arguments of the node: its parameter files, and arguments for the topics of the lidars."""
     from ..paths import parameter_file
 
-    words = ['--params-file', str(parameter_file(path))] if path else []
+    words = [word for path in paths or () for word in ('--params-file', str(parameter_file(path)))]
     if parameters.prior.source not in WITHOUT_DATA:
         print(f'demo: prior.source {parameters.prior.source!r} has no effect in demo, which plays scans and static '
               'transforms only; play FILE with a node of its own plays the others, too', file=sys.stderr)

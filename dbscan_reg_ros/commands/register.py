@@ -117,8 +117,8 @@ def register(args):
 def _check_paper(args, path):
     """Raise CommandError for what the method of the paper does not know."""
     if args.params_file:
-        raise CommandError(f'--method paper --params-file {args.params_file}: expected no parameters; the open values '
-                           'of the paper are constants in core/paper')
+        raise CommandError(f'--method paper --params-file {args.params_file[-1]}: expected no parameters; the open '
+                           'values of the paper are constants in core/paper')
     if path.suffix == '.npz':
         raise CommandError(f'{path}: a snapshot holds registrations of the node; --method paper expects a recording')
 

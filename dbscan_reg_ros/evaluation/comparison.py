@@ -21,6 +21,9 @@ ENOUGH_BLOCKS = 20
 """With fewer blocks of errors than this, only large differences are found."""
 DRAWS = 2000
 MEASURES = ('m', 'deg')
+ALIKE = 0.3
+"""Errors are alike if the confidence interval of their difference lies within this fraction of the larger one."""
+NOT_DECIDED = 'not decided'
 
 
 class TooShort(RecordingError):
@@ -85,9 +88,17 @@ class Difference:
         return self.high < 0.0
 
     @property
+    def alike(self):
+        """Whether the whole confidence interval of B - A is close to 0."""
+        return max(abs(self.low), abs(self.high)) <= ALIKE * max(self.a, self.b)
+
+    @property
     def verdict(self) -> str:
-        """``worse`` or ``better``, if the whole confidence interval of B - A is above or below 0; else empty."""
-        return 'worse' if self.worse else 'better' if self.better else ''
+        """``worse`` or ``better``, if the whole confidence interval of B - A is above or below 0.
+
+        Else empty, if the errors are alike, or `NOT_DECIDED`.
+        """
+        return 'worse' if self.worse else 'better' if self.better else '' if self.alike else NOT_DECIDED
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +128,9 @@ class Comparison:
 
     @property
     def not_judged(self) -> list:
-        """Recordings whose coverage does not suffice for a verdict."""
-        return [name for name, fraction in self.coverage.items() if fraction < self.LEAST_COVERAGE]
+        """Recordings whose coverage does not suffice for a verdict, or whose true motion is unknown."""
+        return [name for name, fraction in self.coverage.items()
+                if fraction < self.LEAST_COVERAGE or name not in self.table]
 
     @property
     def worse(self) -> bool:
@@ -129,9 +141,12 @@ class Comparison:
         """Return in words whether the competitor is better or worse than A on a recording, or on ``all``."""
         if recording in self.not_judged or recording not in self.table:
             return 'not judged'
+        row = self.table[recording]
         words = [f'{d.verdict} in {what}'
-                 for d, what in zip(self.table[recording], ('translation', 'rotation'), strict=True) if d.verdict]
-        return ' and '.join(words) or 'neither better nor worse'
+                 for d, what in zip(row, ('translation', 'rotation'), strict=True) if d.verdict]
+        if any(d.worse or d.better for d in row) or len(words) == 1:
+            return ' and '.join(words)
+        return NOT_DECIDED if words else 'neither better nor worse'
 
 
 def coverage(trajectory_a, trajectory_b) -> float:

@@ -164,14 +164,19 @@ def _given(known, trajectory) -> list:
 def _no_farther_error(known) -> str:
     """Return why there is no error over `FARTHER_METRES`."""
     reason = (f'no two scans with a pose are {FARTHER_METRES:g} m apart along the true path' if known.truth else
-              'the recording has no true poses, only relations between scans')
+              _no_poses(known))
     return f'no error over {FARTHER_METRES:g} m: {reason}'
+
+
+def _no_poses(known) -> str:
+    return ('the recording has no true poses, only relations between scans' if known.relations else
+            'the true motion is unknown')
 
 
 def _mean_errors(known, trajectory) -> list:
     """Return the mean errors over 1 m of a trajectory, translation [m] and rotation [deg]; empty if unknown."""
     try:
-        return paired(known, trajectory, trajectory).a.mean(axis=1).tolist()
+        return paired(known, trajectory, trajectory).a.mean(axis=1).tolist() if known.is_known else []
     except TooShort:
         return []
 
@@ -179,8 +184,7 @@ def _mean_errors(known, trajectory) -> list:
 def _measured(folder, letter, trajectory, known) -> EvoMeasures:
     """Compute the `EvoMeasures` of the files ``LETTER.tum`` and ``truth_of_LETTER.tum``, which are written here."""
     if known.truth is None:
-        return EvoMeasures(None, None, None, ['no APE and no RPE: the recording has no true poses, only relations '
-                            'between scans'])
+        return EvoMeasures(None, None, None, [f'no APE and no RPE: {_no_poses(known)}'])
     stamps, first = np.unique(np.array(trajectory.stamps, dtype=np.int64), return_index=True)
     reference, explanation, _ = known.true_poses(stamps)
     there = np.isfinite(reference).all(axis=1)

@@ -35,6 +35,11 @@ class KnownMotion(NamedTuple):
         relations = find_relations(recording.path)
         return cls(true_poses(recording), relations and load_relations(relations), recording.wheel_odometry())
 
+    @property
+    def is_known(self) -> bool:
+        """Whether there are true poses or relations."""
+        return bool(self.truth or self.relations)
+
     def true_poses(self, stamps) -> Matched:
         """Return the true poses at `stamps` ``(N,)`` [ns]: interpolated, but NaN where the truth has a hole."""
         if self.truth is None:

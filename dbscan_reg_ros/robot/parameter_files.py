@@ -50,10 +50,11 @@ Made by `python -m dbscan_reg_ros.robot.parameter_files --write`, as is
 """
 
 
-def read_parameters(path: str | Path, node: str = NODE_NAME) -> NodeParameters:
+def read_parameters(path: str | Path | Sequence[str | Path], node: str = NODE_NAME) -> NodeParameters:
     """Read the parameters that a file sets for `node`; all other parameters have their defaults.
 
-    `path` is the path of a parameter file, or the name of a ready-made one, such as ``lds``.
+    `path` is the path of a parameter file, or the name of a ready-made one, such as ``lds``; or several of
+    these, of which a later one takes precedence.
 
     A section has the name of the node, with or without its namespace, or a wildcard (``/**``). The parts of a
     parameter's name may be nested or joined by dots. Sections of other nodes are ignored.
@@ -64,16 +65,22 @@ def read_parameters(path: str | Path, node: str = NODE_NAME) -> NodeParameters:
         When the file cannot be read, is not a parameter file, has no section for `node`, or sets a parameter that is
         unknown or has a wrong value.
     """
+    paths = [path] if isinstance(path, (str, Path)) else path
+    values = {name: value for each in paths for name, value in _values(each, node).items()}
+    try:
+        return NodeParameters().replace({k: v for k, v in values.items() if not is_ros_parameter(k)})
+    except ParameterError as error:
+        raise ParameterError(f'{", ".join(map(str, paths))}: {error}') from None
+
+
+def _values(path: str | Path, node: str) -> dict[str, Any]:
+    """Return the full names and the values of the parameters that a file sets for `node`."""
     sections = dict(_sections(_load(parameter_file(path)), path))
     own = [section for name, section in sections.items() if name.split('/')[-1] in (node, '*', '**')]
     if not own:
         raise ParameterError(f'{path}: no parameters for {node!r}, only for {", ".join(sections)}; '
                              "expected a section '/**' or one named after the node")
-    values = {name: value for section in own for name, value in _flatten(section)}
-    try:
-        return NodeParameters().replace({k: v for k, v in values.items() if not is_ros_parameter(k)})
-    except ParameterError as error:
-        raise ParameterError(f'{path}: {error}') from None
+    return {name: value for section in own for name, value in _flatten(section)}
 
 
 def write_parameters(path: str | Path, parameters: NodeParameters = DEFAULTS, head: str = HEAD) -> None:

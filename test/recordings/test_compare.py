@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Comparing two parameter sets or methods: no false alarms, and what is worse is found."""
 import json
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -11,8 +12,19 @@ from dbscan_reg_ros.commands.compare import main, note_deskewing
 from dbscan_reg_ros.commands.competitors import Competitor
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.commands.simulate import main as simulate
-from dbscan_reg_ros.evaluation.comparison import ENOUGH_BLOCKS, Paired, difference, mean_errors, paired
+from dbscan_reg_ros.evaluation.comparison import (
+    ENOUGH_BLOCKS,
+    Comparison,
+    Difference,
+    Paired,
+    difference,
+    mean_errors,
+    paired,
+)
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
+from dbscan_reg_ros.evaluation.metrics import path_lengths
+from dbscan_reg_ros.recordings.conversion import write_log
+from dbscan_reg_ros.recordings.recording import Record
 from dbscan_reg_ros.replays.trajectory import Trajectory
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
@@ -172,11 +184,32 @@ def test_without_truth_there_is_nothing_to_compare():
         paired(KnownMotion(None, None, None), trajectory, trajectory)
 
 
-def test_a_recording_without_truth_is_refused_by_name_before_any_work(hall_recording, data, tmp_path, capsys):
-    assert main(['defaults', 'identity', str(hall_recording), str(data / 'ccny_demo' / 'demo.bag'), '--out',
-                 str(tmp_path)]) == 2
-    error = capsys.readouterr().err
-    assert 'demo.bag: its true motion is unknown' in error and error.count('\n') == 1
+def test_without_truth_there_are_paths_ends_maps_and_differences_but_no_verdict(hall_recording, tmp_path, capsys):
+    source, blind = open_recording(hall_recording), tmp_path / 'blind.log'
+    write_log(blind, (Record(scan, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) for scan in islice(source.scans(), 250)))
+    assert main(['defaults', 'identity', str(blind), '--processes', '1', '--out', str(tmp_path)]) == 3
+    assert 'B is not judged: the true motion is unknown.' in capsys.readouterr().out
+    folder = tmp_path / 'compare' / 'latest'
+    ours, still = json.loads((folder / 'comparison.json').read_text())['without_truth']['blind.log']
+    _, truth = source.truth()
+    path = path_lengths(truth[:250])[-1]
+    assert ours['driven'] == pytest.approx(path, rel=0.05) and still['driven'] == still['end_m'] == 0.0
+    assert ours['difference_m'] == ours['end_difference_deg'] == 0.0 < 0.5 < still['difference_m'] < 1.3
+    assert still['end_difference_m'] == pytest.approx(ours['end_m'])
+    assert ours['returns_per_cell'] > 1.5 * still['returns_per_cell']
+    assert 'returns a cell' in (folder / 'index.html').read_text()
+
+
+@pytest.mark.parametrize(('a', 'b', 'verdict'), [
+    ((0.109, 0.0175, -0.2, 0.02), (1.0, 1.0, -0.1, 0.1), 'not decided in translation'),
+    ((0.109, 0.0175, -0.2, 0.02), (1.0, 1.0, -0.4, 0.1), 'not decided'),
+    ((0.109, 0.109, -0.02, 0.02), (1.0, 1.0, -0.1, 0.1), 'neither better nor worse'),
+    ((0.109, 0.0175, -0.2, -0.02), (1.0, 1.0, -0.1, 0.1), 'better in translation'),
+    ((0.109, 0.0175, -0.2, -0.02), (1.0, 1.0, -0.5, 0.5), 'better in translation and not decided in rotation'),
+])
+def test_wide_intervals_about_0_decide_nothing(a, b, verdict):
+    row = [Difference(*values, unit, 100, 20) for values, unit in ((a, 'm'), (b, 'deg'))]
+    assert Comparison('B', 'a', 'b', {'x': 1.0}, {'x': row, 'all': row}).verdict('all') == verdict
 
 
 def test_a_wrong_name_is_one_line_that_says_what_there_is(hall_recording, capsys):
@@ -184,7 +217,7 @@ def test_a_wrong_name_is_one_line_that_says_what_there_is(hall_recording, capsys
     assert capsys.readouterr().err == ('compare: absent: no such file; expected a parameter file, a parameter set: '
                                        'defaults, '
                                        'hokuyo_urg04lx, hokuyo_utm30lx, ldrobot_ld19, lds, lds_01, lds_03, '
-                                       'omron_os32c, paper, rplidar_a, rplidar_s, sick_lms5xx, sick_tim, ydlidar_g, '
+                                       'omron_os32c, rplidar_a, rplidar_s, sick_lms5xx, sick_tim, ydlidar_g, '
                                        'ydlidar_g6, ydlidar_tg, ydlidar_x2, ydlidar_x4; or a method: '
                                        'dbscan, paper, small_gicp, kiss-icp, icp, idc, icl, identity, '
                                        'MODULE:FUNCTION\n')

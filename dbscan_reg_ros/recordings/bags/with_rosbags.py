@@ -152,7 +152,7 @@ class BagWriter:
         except TypesysError as error:
             lacking = ', '.join(f'{each.topic} ({each.msgtype})' for each in connections
                                 if each.msgtype not in self._store.fielddefs)
-            raise RecordingError(f'{reader.path}: for another version of ROS the definition of each type is needed, and '
+            raise RecordingError(f'{reader.path}: another version of ROS needs the definition of each type, and '
                                  f'one of these has none: {lacking}; leave out its topic (--topics)') from error
         return lambda connection, raw: (written[connection.id, connection.owner], converted[connection.msgtype](raw))
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from ...core.registration.records import Status
+from ...evaluation.comparison import ALIKE
 from ...evaluation.competitor_results import grouped_notes, number
 from ...figures.plots import density_map
 from .drive_data import competitor_lines
@@ -24,7 +25,8 @@ COMPARISON_COLUMNS = Columns(
     '1 m, 5 m farther along the true path, over the scans with poses of both A and the competitor. '
     'APE and RPE: root mean squares of the absolute and the relative pose errors over all poses of a competitor, as '
     'evo computes them. '
-    'Better or worse: with a confidence of 95 % for translation and rotation together.')
+    'Better or worse: with a confidence of 95 % for translation and rotation together. Not decided: the confidence '
+    f'interval of the difference contains 0 and more than {100.0 * ALIKE:.0f} % of the larger error.')
 DRIFT = 5.0
 """Distance [m] of the motion over which the drift is measured."""
 

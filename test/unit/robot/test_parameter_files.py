@@ -55,6 +55,13 @@ def test_the_file_of_defaults_is_current():
     assert read_parameters(DEFAULTS_FILE) == NodeParameters()
 
 
+def test_of_several_files_each_sets_its_parameters_and_a_later_one_wins(tmp_path):
+    (tmp_path / 'a.yaml').write_text('/**: {ros__parameters: {scan.range_max: 9.0, base_frame: a}}')
+    (tmp_path / 'b.yaml').write_text('/**: {ros__parameters: {base_frame: b}}')
+    found = read_parameters(['rplidar_a', tmp_path / 'a.yaml', tmp_path / 'b.yaml'])
+    assert found == read_parameters('rplidar_a').replace({'scan.range_max': 9.0, 'base_frame': 'b'})
+
+
 def test_every_parameter_has_its_help_unit_and_bounds_in_the_file():
     text = ' '.join(line.strip().removeprefix('# ') for line in format_parameters().splitlines())
     for description in NodeParameters.describe():
