@@ -65,7 +65,7 @@ cdef extern from *:
 SOURCE_HASH = DBSCAN_REG_SOURCE_HASH.decode()
 """Hash of the sources that this was built from."""
 
-cdef double TINY = tolerance.TINY, SAME = tolerance.SAME, SIGMAS = tolerance.SIGMAS
+cdef double TINY = tolerance.TINY, ROUNDING = tolerance.ROUNDING, SAME = tolerance.SAME, SIGMAS = tolerance.SIGMAS
 
 include "geometry.pxi"
 include "features/ordering.pxi"

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from ..geometry.array_types import ComplexArray, FloatArray, IntArray
+from ..geometry.tolerance import TINY
 from ..parameters.registration import DensityParameters
 from .oriented_points import OrientedPoints
 
@@ -104,7 +105,7 @@ def _nearest_points(points: tuple[FloatArray, FloatArray], shape: tuple[int, int
     index = np.full(rows * columns, size, dtype=kind)
     row, column = x.astype(np.intp), y.astype(np.intp)
     x, y = x - row - 0.5, y - column - 0.5
-    order = (-(x * x + y * y)).argsort(kind='stable').astype(kind)
+    order = np.rint((x * x + y * y) * (-1.0 / TINY)).argsort(kind='stable').astype(kind)
     home = (row * columns + column)[order]
     index[home] = order
     # Of the points in one cell only the one closest to its centre is written. Offsets are written from far to near, so

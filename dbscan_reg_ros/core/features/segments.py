@@ -7,7 +7,7 @@ import numpy as np
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.line_fit import Lines, fit_lines
 from ..geometry.se2 import as_complex, as_vectors, unit_complex
-from ..geometry.tolerance import SAME, SIGMAS, TINY
+from ..geometry.tolerance import SAME, SIGMAS, TINY, order_up_to_rounding
 from ..parameters.features import SegmentParameters
 from .point_sequence import PointSequence
 from .records import EndKind, Segments
@@ -102,7 +102,7 @@ def _longest(found: _Fitted, parameters: SegmentParameters) -> IntArray:
     keep &= found.residual < (_MAX_BEND * length) ** 2
     chosen = keep.nonzero()[0]
     if len(chosen) > parameters.max_segments:
-        chosen = np.sort(chosen[np.argsort(-length[chosen], kind='stable')[:parameters.max_segments]])
+        chosen = np.sort(chosen[order_up_to_rounding(-length[chosen])[:parameters.max_segments]])
     return chosen
 
 
@@ -110,7 +110,8 @@ def split_surfaces(sequence: PointSequence, noise: FloatArray,
                    parameters: SegmentParameters) -> tuple[IntArray, IntArray]:
     """Split all surfaces at their corners, level by level.
 
-    Within each piece, the point that exceeds its split distance from the chord by the most becomes a corner.
+    Within each piece, the point that exceeds its split distance from the chord by the most becomes a corner, the first
+    of them if there are several.
 
     Returns
     -------
@@ -130,7 +131,8 @@ def split_surfaces(sequence: PointSequence, noise: FloatArray,
         area -= split_distance * np.abs(chord).repeat(length)
         largest = np.maximum.reduceat(area, first)
         largest[largest <= 0.0] = np.inf
-        corners = (area == largest.repeat(length)).nonzero()[0]
+        corners = (area >= (largest - TINY).repeat(length)).nonzero()[0]
+        corners = corners[np.diff(edge.searchsorted(corners, 'right'), prepend=0) > 0]
         if not len(corners):
             break
         edges[corners + 1] = True

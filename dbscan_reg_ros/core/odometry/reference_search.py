@@ -3,7 +3,10 @@
 import dataclasses
 import math
 
+import numpy as np
+
 from ..features.records import Features
+from ..geometry.tolerance import first_largest
 from ..parameters.tree import Parameters
 from ..registration.pipeline import register, register_within_gate
 from ..registration.records import Prior, Registration, Status
@@ -11,7 +14,6 @@ from ..registration.search import SearchStage
 from ..registration.status import demoted_if_poor
 from .gate import Gate
 from .mapping.dynamic_points import without_dynamic_points
-from .mapping.key_frame import KeyFrame
 from .mapping.scan_to_map import information_along
 from .models.motion import displacement_covariance
 from .references import (
@@ -20,6 +22,7 @@ from .references import (
     Reference,
     fallback_references,
     is_recoverable,
+    nearest_first,
     predicted_along_degenerate,
     unresolved_direction,
 )
@@ -99,7 +102,8 @@ class ReferenceSearch:
         common: the scan is registered with and without poles, and the more confident result is returned.
         """
         matches = [self._match_pair(poles, tentative) for poles in (False, True)[:1 + bool(self._features.poles)]]
-        return max(matches, key=lambda each: (each.verdict.decision is Decision.ACCEPT, each.registration.confidence))
+        matches = [each for each in matches if each.verdict.decision is Decision.ACCEPT] or matches
+        return matches[first_largest(np.array([each.registration.confidence for each in matches]))]
 
     def _match_pair(self, with_poles: bool, tentative: Match | None) -> Match:
         """Register to the previous scan, with or without pole features."""
@@ -121,11 +125,8 @@ class ReferenceSearch:
             return None
         expected = best.pose if chained is None else chained.pose
         covariance = best.prior.covariance + displacement_covariance(lost.time, self._parameters)
-
-        def distance(frame: KeyFrame) -> float:
-            return math.hypot(frame.pose.x - expected.x, frame.pose.y - expected.y)
         frames = lost.window.frames_of(self._sensor)
-        nearest = sorted(frames, key=distance)[:self._parameters.odometry.older_key_frames]
+        nearest = nearest_first(frames, expected)[:self._parameters.odometry.older_key_frames]
         references = [Reference(frame, frame.features) for frame in nearest]
         for frame, features in (Reference(frames[-1], lost.window.local_map_of(self._sensor)), *references):
             prior = Prior(frame.pose.inverse() @ expected, covariance)

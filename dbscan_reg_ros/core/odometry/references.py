@@ -2,11 +2,15 @@
 """References to which a scan is registered one after the other, until the gate accepts a result."""
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from ..features.records import Features
 from ..geometry.se2 import SE2
+from ..geometry.tolerance import order_up_to_rounding
 from ..parameters.tree import Parameters
 from ..registration.records import Registration, Status
 from .mapping.key_frame import KeyFrame
@@ -149,11 +153,15 @@ def fallback_references(state: TrackState, predicted: SE2, first: Registration,
     rotation, last_scan = abs((latest.pose.inverse() @ predicted).theta), state.tracking.last_scan_of(sensor)
     if last_scan is not None and rotation > p.key_frame_angle and first.status is Status.FAILED:
         references.append(Reference(last_scan, last_scan.features))
-
-    def distance(frame: KeyFrame) -> float:
-        return math.hypot(frame.pose.x - predicted.x, frame.pose.y - predicted.y)
-    older = sorted((frame for frame in older if recoverable or distance(frame) < distance(latest)), key=distance)
+    nearest = nearest_first([latest, *older], predicted)
+    older = [frame for frame in (nearest if recoverable else nearest[:nearest.index(latest)]) if frame is not latest]
     return references + [Reference(frame, frame.features) for frame in older[:p.older_key_frames]]
+
+
+def nearest_first(frames: Sequence[KeyFrame], pose: SE2) -> list[KeyFrame]:
+    """Return key frames by their distance from a `pose`."""
+    distance = np.array([math.hypot(frame.pose.x - pose.x, frame.pose.y - pose.y) for frame in frames])
+    return [frames[k] for k in order_up_to_rounding(distance).tolist()]
 
 
 def is_recoverable(registration: Registration, parameters: Parameters) -> bool:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..geometry.array_types import BoolArray, FloatArray, IntArray
-from ..geometry.tolerance import TINY
+from ..geometry.tolerance import TINY, first_largest
 
 NOISE = -1
 
@@ -251,7 +251,7 @@ def knee(distances: FloatArray) -> float:
     if size < _FEWEST_FOR_KNEE or distances[0] <= distances[-1]:
         return float(distances[-1]) if size else 0.0
     chord = distances[0] + np.arange(size) * ((distances[-1] - distances[0]) / (size - 1))
-    return float(distances[(chord - distances).argmax()])
+    return float(distances[first_largest(chord - distances)])
 
 
 _FEWEST_FOR_KNEE = 3

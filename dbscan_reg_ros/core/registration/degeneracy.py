@@ -6,7 +6,7 @@ import numpy as np
 
 from ..geometry.array_types import BoolArray, FloatArray
 from ..geometry.se2 import DOF, unit_complex
-from ..geometry.tolerance import TINY
+from ..geometry.tolerance import TINY, first_largest
 from .search import Problem
 
 
@@ -90,14 +90,14 @@ def search_degenerate_direction(candidates: FloatArray, angles: FloatArray, prob
     last = problem.parameters.refinement.score_scale
     for reach, step, scale in (p.search_distance, 2.0 * last, 3.0 * last), (2.5 * last, 0.4 * last, last):
         count = math.floor(reach / step)
-        shift = np.arange(-count, count + 1) * step
+        # The shortest come first: of equal values that of the shortest shift is chosen.
+        shift = np.array(sorted(range(-count, count + 1), key=abs)) * step
         moved = (candidates[:, None] + shift[:, None] * along[:, None]).reshape(-1, DOF)
         found = problem.fit(moved, points)
         component = (found.normals * unit_complex(angles).repeat(len(shift))[:, None]).real
         violation = problem.reference.free_space.violation(found.places, points.tolerance(density.violation_tolerance))
         weight = found.weight(scale)
         value = (weight * component ** 2 - density.violation_weight * violation * (1.0 - weight)).sum(axis=1)
-        value = value.reshape(-1, len(shift)) - TINY * np.abs(shift)
-        best = value.argmax(axis=1)
+        best = first_largest(value.reshape(-1, len(shift)) - TINY * np.abs(shift))
         candidates = candidates + shift[best][:, None] * along
     return candidates

@@ -11,7 +11,7 @@ from ..features.small_objects import find_small_objects
 from ..geometry.array_types import ComplexArray, FloatArray
 from ..geometry.robust_kernel import kernel
 from ..geometry.se2 import as_vectors
-from ..geometry.tolerance import SAME
+from ..geometry.tolerance import SAME, order_up_to_rounding
 from ..parameters.tree import Parameters
 from .point_to_line import transform_points
 from .records import Prior
@@ -22,7 +22,7 @@ def landmarks(features: Features, parameters: Parameters) -> ComplexArray:
     """Return the middles (complex [m]) of the nearest `selection.max_landmarks` small objects, nearest first."""
     find = features.backend.step(find_small_objects)
     objects = find(features, parameters.selection.landmark_size, parameters.segments)
-    nearest = objects.nearest.argsort(kind='stable')[:parameters.selection.max_landmarks]
+    nearest = order_up_to_rounding(objects.nearest)[:parameters.selection.max_landmarks]
     middles: ComplexArray = objects.middle[nearest]
     return middles
 
@@ -41,7 +41,7 @@ def landmark_motions(reference: Features, current: Features, parameters: Paramet
         motions = motions[within_gate(motions, prior, parameters.prior)]
     distance = np.abs(transform_points(motions, theirs)[:, :, None] - ours).min(axis=2, initial=np.inf)
     support = kernel(distance, SAME).sum(axis=1)
-    motions = motions[(-support).argsort(kind='stable')[:np.count_nonzero(support >= _MIN_SUPPORT)]]
+    motions = motions[order_up_to_rounding(-support)[:np.count_nonzero(support >= _MIN_SUPPORT)]]
     chosen: FloatArray = motions[distinct(motions, _MAX_MOTIONS, 2.0 * SAME, SAME)]
     return chosen
 
@@ -61,7 +61,7 @@ def pair_motions(reference: ComplexArray, current: ComplexArray) -> FloatArray:
     baselines_r, baselines_o = baselines_r[first, second], baselines_o[start, end]
     off = np.abs(np.abs(baselines_r)[:, None] - np.abs(baselines_o))
     r, o = (off < SAME).nonzero()
-    closest = off[r, o].argsort(kind='stable')[:_MAX_SAMPLES]
+    closest = order_up_to_rounding(off[r, o])[:_MAX_SAMPLES]
     r, o = r[closest], o[closest]
     rotation = baselines_r[r] / baselines_o[o]
     rotation /= np.abs(rotation)

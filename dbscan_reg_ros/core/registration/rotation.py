@@ -9,6 +9,7 @@ import numpy as np
 from ..features.records import Segments
 from ..geometry.array_types import BoolArray, FloatArray, IntArray
 from ..geometry.se2 import wrap
+from ..geometry.tolerance import order_up_to_rounding
 from ..parameters.registration import RotationParameters
 from .dbscan import NOISE, dbscan_line, k_distances, knee, recluster, unlabelled, without_gaps
 
@@ -65,7 +66,7 @@ def estimate_rotations(reference: Segments, current: Segments, weights: FloatArr
     eps = parameters.eps or (knee_eps(samples, parameters) if len(samples) else 0.0)
     labels = cluster_angles(samples, eps, period, parameters)
     clusters = _Clusters.of(samples, weights.ravel(), labels, period)
-    order = (-clusters.weight).argsort(kind='stable')[:parameters.max_hypotheses]
+    order = order_up_to_rounding(-clusters.weight)[:parameters.max_hypotheses]
     rank = unlabelled(len(clusters.weight))
     rank[order] = np.arange(len(order))
     ranked = unlabelled(len(samples))

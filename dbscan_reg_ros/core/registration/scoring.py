@@ -14,6 +14,7 @@ from ..features.records import Features
 from ..geometry.array_types import BoolArray, FloatArray
 from ..geometry.se2 import unit_complex, wrap
 from ..geometry.symmetric_matrix import inverse
+from ..geometry.tolerance import order_up_to_rounding
 from ..parameters.odometry import PriorParameters
 from ..parameters.registration import DensityParameters, SelectionParameters
 from . import point_to_line
@@ -45,7 +46,7 @@ def preselect(candidates: FloatArray, points: OrientedPoints, profile: FreeSpace
     support = np.minimum(np.maximum(1.0 - off / parameters.preselection_tolerance, 0.0), 1.0)
     support *= near > 0.0
     support -= density.violation_weight * in_front(radius, near, parameters.preselection_tolerance)
-    chosen: FloatArray = candidates[(-support.sum(axis=1)).argsort(kind='stable')[:parameters.preselected]]
+    chosen: FloatArray = candidates[order_up_to_rounding(-support.sum(axis=1))[:parameters.preselected]]
     return chosen
 
 

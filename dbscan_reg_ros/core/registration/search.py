@@ -12,6 +12,7 @@ import numpy as np
 from ..features.oriented_points import OrientedPoints
 from ..features.records import Features
 from ..geometry.array_types import FloatArray, IntArray
+from ..geometry.tolerance import order_up_to_rounding
 from ..parameters.tree import Parameters
 from .point_to_line import Alignment, Fit, fit, refine
 from .records import Prior
@@ -83,9 +84,9 @@ class Ranking(NamedTuple):
 
     def joined(self, other: 'Ranking') -> 'Ranking':
         """Merge two rankings."""
-        best = self.best if self.score[0] >= other.score[0] else other.best
         parts = [np.concatenate(each) for each in zip(self[:-1], other[:-1], strict=True)]
-        order = (-parts[1]).argsort(kind='stable')
+        order = order_up_to_rounding(-parts[1])
+        best = self.best if order[0] < len(self.score) else other.best
         candidates, value, overlap, conflict, equations, odds = (part[order] for part in parts)
         return Ranking(candidates, value, overlap, conflict, equations, odds, best)
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..features.oriented_points import OrientedPoints, sample
 from ..geometry.array_types import FloatArray
 from ..geometry.se2 import DOF
-from ..geometry.tolerance import TINY
+from ..geometry.tolerance import TINY, order_up_to_rounding
 from .confidence.ranking import rank_by_evidence
 from .degeneracy import search_degenerate_direction, weakest_direction
 from .point_to_line import Fit, next_step, polish
@@ -107,7 +107,7 @@ def select_top_candidates(problem: Problem, coarse: Ranking) -> Ranking:
     if len(distinct(coarse.candidates, 2, s.same_distance, s.same_angle)) == 1:
         return coarse.select([0])
     value = plausibility(problem, coarse)
-    order = (-value).argsort(kind='stable')
+    order = order_up_to_rounding(-value)
     order = order[value[order] >= value[order[0]] - s.max_score_gap]
     ranked = coarse.select(order)
     top = distinct(ranked.candidates, s.top_candidates, s.same_distance, s.same_angle)
@@ -142,6 +142,8 @@ def improve(problem: Problem, candidates: FloatArray, points: OrientedPoints, sc
             fits: Fit | None = None, *, both_ways: bool = False) -> Ranking:
     """Refine all hypotheses together with `points` of the current scan; rank them by the score of all sampled points.
 
+    Of equal scores, as in a corridor that looks the same after half a turn, the one nearest to the prior is first.
+
     Parameters
     ----------
     problem : Problem
@@ -158,13 +160,15 @@ def improve(problem: Problem, candidates: FloatArray, points: OrientedPoints, sc
     candidates, equations = problem.refine(candidates, points, scales, fits)
     found = problem.fit(candidates, current.sampled_points)
     value, overlap, conflict = score(found, problem.reference, current, p.refinement.score_scale, p.density)
+    nearest = np.arange(len(value))
     if both_ways:
         reverse = reverse_violation(candidates, problem.reference, current, p.density)
         value = value - p.density.violation_weight * reverse
     if problem.prior is not None:
         distance = squared_mahalanobis(candidates, problem.prior) / p.prior.gate ** 2
         value = value - p.prior.weight * np.minimum(distance, 1.0)
-    order = (-value).argsort(kind='stable')
+        nearest = order_up_to_rounding(distance)
+    order = nearest[order_up_to_rounding(-value[nearest])]
     best = found.select(slice(order[0], order[0] + 1))
     return Ranking(candidates[order], value[order], overlap[order], conflict[order], equations[order],
                    np.zeros(len(order)), best)

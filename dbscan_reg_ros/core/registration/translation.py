@@ -11,6 +11,7 @@ from ..features.records import EndKind, Segments
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import DOF, as_complex, as_vectors, grouped_sum, unit_complex
 from ..geometry.symmetric_matrix import solve
+from ..geometry.tolerance import order_up_to_rounding
 from ..parameters.registration import TranslationParameters
 from .dbscan import NOISE, dbscan_plane, pairs_before, recluster, unlabelled, without_gaps
 from .point_to_line import NO_STEP, normal_equations
@@ -124,7 +125,7 @@ def match_lines(rotations: Rotations, weights: FloatArray, parameters: Translati
     off = wrap_period(rotations.difference.ravel() - rotations.phi[:, None], 2.0 * np.pi)
     rotation, pair = (np.abs(off) < 2.0 * parameters.parallel_sigma).nonzero()
     weight = np.exp(-0.5 * (off[rotation, pair] / parameters.parallel_sigma) ** 2) * weights.ravel()[pair]
-    order = np.lexsort((-weight, rotation))
+    order = order_up_to_rounding(-weight, rotation)
     size = np.bincount(rotation)
     rank = np.arange(len(order)) - (size.cumsum() - size).repeat(size)
     chosen = order[rank < parameters.max_pairs]
@@ -249,7 +250,7 @@ def rank_clusters(samples: TranslationSamples, labels: IntArray, eps: float, phi
     members = (labels != NOISE).nonzero()[0]
     index = without_gaps(labels[members])
     weight: FloatArray = np.bincount(index, sample_weight[members]).astype(float, copy=False)
-    order = (-weight).argsort(kind='stable')
+    order = order_up_to_rounding(-weight)
     mean = _means(index, translation[members], weight, sample_weight[members])
     angle = np.empty(len(weight))
     angle[index] = phi[rotation[members]]

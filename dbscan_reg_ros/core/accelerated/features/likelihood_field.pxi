@@ -114,7 +114,9 @@ cdef int place_points(const double complex[::1] points, double complex origin, d
         if not (reach <= row < rows - reach and reach <= column < columns - reach):
             raise IndexError('a point outside the grid')
         x, y = x - row - 0.5, y - column - 0.5
-        home[k], quarter[k], closeness[k] = row * columns + column, 2 * (x > 0.0) + (y > 0.0), -(x * x + y * y)
+        home[k], quarter[k] = row * columns + column, 2 * (x > 0.0) + (y > 0.0)
+        # Rounded: distances that differ by rounding only are equal.
+        closeness[k] = rint((x * x + y * y) * (-1.0 / TINY))
     return 0
 
 

@@ -54,6 +54,41 @@ cdef int sort_stably(const double[::1] keys, Py_ssize_t[::1] order, Py_ssize_t[:
     return 0
 
 
+cdef inline bint is_larger(double value, double other) noexcept nogil:
+    """Whether more than rounding makes a value larger than another."""
+    return value - other > ROUNDING * max(fabs(value), fabs(other))
+
+
+cdef int sort_up_to_rounding(const double[::1] keys, Py_ssize_t[::1] order, Py_ssize_t[::1] scratch) except -1 nogil:
+    """Write the ascending order of the keys, of equal ones by index, as `tolerance.order_up_to_rounding`."""
+    cdef Py_ssize_t size = keys.shape[0], k, at, moved
+    sort_stably(keys, order, scratch)
+    if size:
+        scratch[0] = 0
+    for k in range(1, size):
+        # Where the keys that equal this one begin.
+        scratch[k] = k if is_larger(keys[order[k]], keys[order[k - 1]]) else scratch[k - 1]
+    for k in range(1, size):
+        at, moved = k, order[k]
+        while at > scratch[k] and order[at - 1] > moved:
+            order[at] = order[at - 1]
+            at -= 1
+        order[at] = moved
+    return 0
+
+
+cdef Py_ssize_t first_largest(const double[::1] values) except -1 nogil:
+    """Return the index of the first value that only rounding makes less than the largest, as in `tolerance`."""
+    cdef Py_ssize_t k
+    cdef double largest = -INFINITY
+    for k in range(values.shape[0]):
+        largest = max(largest, values[k])
+    for k in range(values.shape[0]):
+        if values[k] >= largest - ROUNDING * fabs(largest):
+            return k
+    return 0
+
+
 cdef inline Py_ssize_t bisect_left(const double[::1] values, Py_ssize_t size, double value) except -1 nogil:
     """Return the number of ascending values below `value`."""
     cdef Py_ssize_t low = 0, high = size, middle

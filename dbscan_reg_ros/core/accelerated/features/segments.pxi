@@ -104,8 +104,10 @@ cdef int split(const double complex[::1] points, const unsigned char[::1] breaks
             if largest > 0.0:
                 for k in range(first, end):
                     area = beyond_chord(points[k] - points[first], chord, length, split_distance(noise[k], limits))
-                    if area == largest:
+                    # Of several the first.
+                    if area >= largest - TINY:
                         edges[k + 1] = found = True
+                        break
             first = end
         if not found:
             break
@@ -217,7 +219,7 @@ cdef Py_ssize_t keep_longest(Piece *pieces, Py_ssize_t count, Py_ssize_t most) e
     if count <= most:
         return count
     lengths = np.array([distance(pieces[k].end, pieces[k].start) for k in range(count)])
-    for k, chosen in enumerate(np.sort(np.argsort(-lengths, kind='stable')[:most]).tolist()):
+    for k, chosen in enumerate(np.sort(tolerance.order_up_to_rounding(-lengths)[:most]).tolist()):
         pieces[k] = pieces[<Py_ssize_t> chosen]
     return most
 

@@ -117,7 +117,7 @@ cdef rank_translations(const double complex[::1] samples, const double[::1] samp
             total[1, at] += sample_weight[k] * samples[k].real
             total[2, at] += sample_weight[k] * samples[k].imag
             total[3, at] = phi[rotation[k]]
-        sort_stably(total[0], order, work[2])
+        sort_up_to_rounding(total[0], order, work[2])
         for k in range(clusters):
             at = order[k]
             # Numbers of clusters that were clustered again are unused.

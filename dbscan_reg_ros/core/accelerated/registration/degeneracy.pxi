@@ -28,15 +28,17 @@ cdef search_along(Comparison comparison, candidates, const double[::1] angles):
     shifted = np.array(candidates)
     cdef double[:, ::1] poses = shifted
     cdef unsigned char[::1] faces = np.zeros(views.size, np.uint8)
+    cdef double[::1] value
     with nogil:
         facing = flag_facing(views, poses, angles, least, faces)
     if facing < p.degeneracy.min_points:
         return shifted
     for reach, step, scale in (
             (p.degeneracy.search_distance, 2.0 * last, 3.0 * last), (2.5 * last, 0.4 * last, last)):
+        value = np.empty(2 * math.floor(reach / step) + 1)
         for h in range(poses.shape[0]):
             with nogil:
-                shift_along(comparison, views, faces, angles[h], reach, step, scale, poses[h])
+                shift_along(comparison, views, faces, angles[h], step, scale, poses[h], value)
     return shifted
 
 
@@ -55,20 +57,22 @@ cdef Py_ssize_t flag_facing(PointViews views, const double[:, ::1] poses, const 
 
 
 cdef int shift_along(Comparison comparison, PointViews views, const unsigned char[::1] faces, double angle,
-                     double reach, double step, double scale, double[::1] candidate) except -1 nogil:
+                     double step, double scale, double[::1] candidate, double[::1] value) except -1 nogil:
     """Shift a candidate ``(x, y, theta)`` along an `angle` [rad] by the multiple of `step` [m] with the largest value.
 
-    The value is the sum over the points of their kernel of `scale` [m] (Eq. 18) times the squared component of the
-    normal, minus the penalty for points in free space. Of equal values that of the shortest shift is chosen.
+    The `value` of each multiple is the sum over the points of their kernel of `scale` [m] (Eq. 18) times the squared
+    component of the normal, minus the penalty for points in free space. The shortest come first, and of equal values
+    that of the shortest shift is chosen.
     """
-    cdef double factor = -0.5 / (scale * scale), c = cos(angle), s = sin(angle), best = -INFINITY, chosen = 0.0
-    cdef double value, e, weight, component, lost
-    cdef Py_ssize_t count = <Py_ssize_t> floor(reach / step), n, k
+    cdef double factor = -0.5 / (scale * scale), c = cos(angle), s = sin(angle), shift
+    cdef double e, weight, component, lost
+    cdef Py_ssize_t n, k
     cdef Match found
     cdef Pose pose
     pose.c, pose.s = cos(candidate[2]), sin(candidate[2])
-    for n in range(-count, count + 1):
-        pose.x, pose.y, value = candidate[0] + n * step * c, candidate[1] + n * step * s, 0.0
+    for n in range(value.shape[0]):
+        shift = shift_of(n, step)
+        pose.x, pose.y, value[n] = candidate[0] + shift * c, candidate[1] + shift * s, 0.0
         for k in range(views.size):
             if not faces[k]:
                 continue
@@ -78,9 +82,13 @@ cdef int shift_along(Comparison comparison, PointViews views, const unsigned cha
             component = (found.nx * c - found.ny * s) * views.inverse_noise[k]
             lost = violation(comparison.near, found.x + pose.x, found.y + pose.y,
                              comparison.tolerance / views.inverse_noise[k])
-            value += weight * component * component - comparison.against * lost * (1.0 - weight)
-        value -= TINY * fabs(n * step)
-        if value > best:
-            best, chosen = value, n * step
-    candidate[0], candidate[1] = candidate[0] + chosen * c, candidate[1] + chosen * s
+            value[n] += weight * component * component - comparison.against * lost * (1.0 - weight)
+        value[n] -= TINY * fabs(shift)
+    shift = shift_of(first_largest(value), step)
+    candidate[0], candidate[1] = candidate[0] + shift * c, candidate[1] + shift * s
     return 0
+
+
+cdef inline double shift_of(Py_ssize_t n, double step) noexcept nogil:
+    """Return the n-th of the multiples of a step, the shortest first: 0, -1, 1, -2, 2 and so on."""
+    return <double> ((n + 1) // 2) * (step if n % 2 == 0 else -step)

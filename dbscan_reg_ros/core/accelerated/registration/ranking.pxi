@@ -75,7 +75,7 @@ cdef double[:, ::1] best_first(const double[:, ::1] rows):
     cdef double[::1] keys = np.empty(size)
     for h in range(size):
         keys[h] = -rows[h, SCORE]
-    sort_stably(keys, work[0], work[1])
+    sort_up_to_rounding(keys, work[0], work[1])
     return chosen_rows(rows, work[0], size)
 
 
@@ -160,7 +160,7 @@ cdef double[:, ::1] top_candidates(Comparison comparison, const double[:, ::1] c
     for h in range(size):
         # Negative: the most plausible come first.
         value[1, h] = -(coarse[h, SCORE] - sqrt(coarse[h, CONFLICT]) - sqrt(value[0, h]))
-    sort_stably(value[1], work[0], work[1])
+    sort_up_to_rounding(value[1], work[0], work[1])
     while count < size and value[1, work[0, count]] <= value[1, work[0, 0]] + gap:
         count += 1
     cdef double[:, ::1] ranked = chosen_rows(coarse, work[0], count)
@@ -231,7 +231,7 @@ cdef double[:, ::1] improved(Comparison comparison, double[:, ::1] rows, PointVi
         for h in range(rows.shape[0]):
             rows[h, SCORE] -= comparison.against * reverse[h]
     if problem.prior is not None:
-        subtract_prior(problem.prior, problem.parameters.prior, rows)
+        rows = subtract_prior(problem.prior, problem.parameters.prior, rows)
     return best_first(rows)
 
 
@@ -277,16 +277,23 @@ cdef int add_reverse_conflicts(Comparison comparison, const double[:, ::1] poses
     return 0
 
 
-cdef int subtract_prior(prior, parameters, double[:, ::1] rows) except -1:
-    """Subtract the squared Mahalanobis distance from the prior, at most its gate, times `prior.weight`."""
+cdef double[:, ::1] subtract_prior(prior, parameters, double[:, ::1] rows):
+    """Subtract the squared Mahalanobis distance from the prior, at most its gate, times `prior.weight`.
+
+    The nearest to the prior become the first, so that they are the first of equal scores.
+    """
     expected = prior.transform
     cdef double x0 = expected.x, y0 = expected.y, t0 = expected.theta, c = cos(t0), s = sin(t0), x, y
     cdef double gate = parameters.gate, weight = parameters.weight
     cdef const double[:, ::1] covariance = np.ascontiguousarray(prior.covariance, dtype=float)
     cdef Py_ssize_t h
     cdef double[3] error
+    cdef double[::1] distance = np.empty(rows.shape[0])
+    cdef Py_ssize_t[:, ::1] work = np.empty((2, rows.shape[0]), np.intp)
     for h in range(rows.shape[0]):
         x, y = rows[h, 0] - x0, rows[h, 1] - y0
         error[0], error[1], error[2] = c * x + s * y, c * y - s * x, wrap(rows[h, 2] - t0)
-        rows[h, SCORE] -= weight * min(squared_distance(covariance, error) / (gate * gate), 1.0)
-    return 0
+        distance[h] = squared_distance(covariance, error) / (gate * gate)
+        rows[h, SCORE] -= weight * min(distance[h], 1.0)
+    sort_up_to_rounding(distance, work[0], work[1])
+    return chosen_rows(rows, work[0], rows.shape[0])

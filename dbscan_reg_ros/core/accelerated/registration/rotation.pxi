@@ -87,7 +87,7 @@ cdef class RotationClusters:
             for k in range(size):
                 at = labels[k]
                 total[1, at] += sample_weight[k] * wrapped(samples[k] - total[2, at], period)
-            sort_stably(total[0], order, work[2])
+            sort_up_to_rounding(total[0], order, work[2])
             for k in range(clusters):
                 at, rank[order[k]] = order[k], -1
                 # Numbers of clusters that were clustered again are unused.
@@ -103,8 +103,8 @@ cdef class RotationClusters:
 
 cdef double nearest_knee(const double[::1] samples, const Py_ssize_t[::1] order) except? -1.0:
     """Return the knee of the sorted distances to the nearest neighbours: farthest below the chord of their ends."""
-    cdef Py_ssize_t size = samples.shape[0], k, best = 0
-    cdef double before, after, off, farthest = -INFINITY
+    cdef Py_ssize_t size = samples.shape[0], k
+    cdef double before, after
     if size == 1:
         return 0.0
     nearest_distance = np.empty(size)
@@ -118,11 +118,10 @@ cdef double nearest_knee(const double[::1] samples, const Py_ssize_t[::1] order)
     if size < 3 or graph[size - 1] <= graph[0]:
         return graph[0]
     cdef double slope = (graph[0] - graph[size - 1]) / <double> (size - 1)
+    cdef double[::1] off = np.empty(size)
     for k in range(size):
-        off = graph[size - 1] + k * slope - graph[size - 1 - k]
-        if off > farthest:
-            farthest, best = off, k
-    return graph[size - 1 - best]
+        off[k] = graph[size - 1] + k * slope - graph[size - 1 - k]
+    return graph[size - 1 - first_largest(off)]
 
 
 cdef int cluster_angles(const double[::1] samples, const Py_ssize_t[::1] order, Py_ssize_t[::1] labels, double period,

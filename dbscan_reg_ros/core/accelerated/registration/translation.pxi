@@ -110,7 +110,7 @@ cdef class MatchedLines:
                         heavy[count] = -exp(-0.5 * (angle / sigma) * (angle / sigma)) * weights[i // m, i % m]
                         off[count], pair[count] = angle, i
                         count += 1
-                sort_stably(heavy[:count], order, scratch)
+                sort_up_to_rounding(heavy[:count], order, scratch)
                 for i in range(min(count, max_pairs)):
                     self.rotation[self.size] = k
                     self.ours[self.size], self.theirs[self.size] = pair[order[i]] // m, pair[order[i]] % m

@@ -7,6 +7,7 @@ import numpy as np
 
 from ...geometry.array_types import FloatArray
 from ...geometry.se2 import SE2
+from ...geometry.tolerance import first_largest
 from .compared_lidar import PROBABLE, ComparedLidar, difference
 from .relative_pose import RelativePose
 from .wheels import Wrong
@@ -53,7 +54,7 @@ def error_of_first(given: SE2, others: Collection[ComparedLidar]) -> ComparedLid
     by_wheels = [each.wrong for each in others] == [Wrong.FIRST]
     if len(found) < max(len(others), 1 if by_wheels else _LEAST):
         return None
-    best_given, best = min(found, key=lambda each: float(each[1].sigmas[2]))
+    best_given, best = found[first_largest(-np.array([each.sigmas[2] for _, each in found]))]
     motion = best.pose @ best_given.inverse()
     for other, estimate in found:
         expected = motion @ other

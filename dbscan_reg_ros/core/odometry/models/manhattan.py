@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ...features.records import Segments
 from ...geometry.robust_kernel import kernel
 from ...geometry.se2 import DOF, RIGHT_ANGLE, SE2
-from ...geometry.tolerance import TINY
+from ...geometry.tolerance import TINY, first_largest
 from ...parameters.odometry import ManhattanParameters
 from ...registration.rotation import wrap_period
 
@@ -105,7 +105,7 @@ class ManhattanHeading:
 def _densest_direction(directions: NDArray[np.float64], length: NDArray[np.float64], sigma: float) -> float:
     """Return the direction [rad] around which walls within about `sigma` [rad] have the greatest length [m]."""
     density = kernel(wrap_period(directions[:, None] - directions, RIGHT_ANGLE), sigma) @ length
-    return float(directions[density.argmax()])
+    return float(directions[first_largest(density)])
 
 
 def _mean_shift(offsets: NDArray[np.float64], length: NDArray[np.float64], sigma: float) -> tuple[float, float]:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ...geometry.array_types import FloatArray
+from ...geometry.tolerance import order_up_to_rounding
 from ..point_to_line import Fit
 from ..records import Evidence
 from ..scoring import distinct
@@ -28,7 +29,7 @@ def rank_by_evidence(problem: Problem, fine: Ranking) -> Ranking:
     step = problem.current.backend.step
     odds = np.array([step(log_odds)(each, problem.prior, candidate)
                      for each, candidate in zip(evidence, kept.candidates, strict=True)])
-    order = (-odds if problem.prior is None else -kept.score).argsort(kind='stable')
+    order = order_up_to_rounding(-odds if problem.prior is None else -kept.score)
     return kept._replace(odds=odds).select(order)._replace(best=fits[order[0]])
 
 
