@@ -272,7 +272,7 @@ def _follow(results, mounting, odometry):
         reports = {'bag': faults.attempt('bag', stack.enter_context, bag), **reports}
     try:
         scans = prepared(watched(recording.scans(), recording.name, recording.count), mounting,
-                         parameters.input_of(recording.topic))
+                         parameters.input_of(recording.topic), recording.note)
         for update in trajectory.follow(scans, odometry):
             waiting.append(update)
             if len(waiting) == AT_A_TIME:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """External priors: predicted motion since the last scan, from wheel odometry, an IMU or transforms."""
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -203,6 +204,10 @@ class _Gyroscope:
     def _on_message(self, message: Imu) -> None:
         if message.angular_velocity_covariance[0] == NO_ANGULAR_VELOCITY:
             self._log.warn(f'{self.name}: angular_velocity_covariance begins with -1, so there is no yaw rate')
+            return
+        if not math.isfinite(message.angular_velocity.z):
+            self._log.warn(f'{self.name}: angular_velocity.z is {message.angular_velocity.z}, so there is no yaw rate; '
+                           'expected a number [rad/s]: the driver has to leave such messages out')
             return
         self._headings.add_rate(in_nanoseconds(message.header.stamp), message.angular_velocity.z)
         self._on_data()

@@ -142,9 +142,9 @@ class Recording:
             problem = 'there are more problems than these'
         self._problems[problem if len(problem) <= LONGEST_PROBLEM else f'{problem[:LONGEST_PROBLEM]}...'] = None
 
-    def _look(self, watch, fields):
-        """Check the next scan of a pass with the `ScanWatch` of that pass."""
-        watch.look(fields)
+    def _look(self, watch, fields, further=()):
+        """Check the next scan of a pass with the `ScanWatch` of that pass; `further` are other warnings about it."""
+        watch.look(fields, further)
         if watch.seen > self._watch.seen:
             self._watch = watch
 

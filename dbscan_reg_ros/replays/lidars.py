@@ -145,7 +145,7 @@ class FurtherLidar:
 
     def scans(self, parameters: InputParameters):
         """Yield the scans of this lidar without masked returns, rotated to the axes of the base."""
-        return prepared(self.recording.scans(), self.mounting, parameters)
+        return prepared(self.recording.scans(), self.mounting, parameters, self.recording.note)
 
 
 def given_mountings(parameters, topics) -> dict:

@@ -14,16 +14,19 @@ def mounting_of(parameters) -> Mounting:
     return mounting_from_parameters(parameters) or Mounting()
 
 
-def received(scans, parameters):
+def received(scans, parameters, note=None):
     """Yield `scans` as the node uses them: the stamps corrected by ``input.time_offset``, without masked returns.
 
-    `parameters` are the `InputParameters` of this lidar.
+    `parameters` are the `InputParameters` of this lidar; `note` is called with a sentence on a fault of the mask.
     """
     mask, (offset,) = Mask(), parameters.time_offset
     for scan in scans:
         if offset:
             scan = dataclasses.replace(scan, stamp=corrected_stamp(scan.stamp, offset))
-        yield mask.apply(scan, Mounting(), parameters)
+        scan = mask.apply(scan, Mounting(), parameters)
+        if note and mask.fault:
+            note(mask.fault)
+        yield scan
 
 
 def turned(scans, yaw, upside_down=False):
@@ -41,6 +44,6 @@ def turned(scans, yaw, upside_down=False):
         yield scan
 
 
-def prepared(scans, mounting, parameters):
+def prepared(scans, mounting, parameters, note=None):
     """Yield `scans` of a lidar as the odometry processes them: `received` with `parameters`, and `turned`."""
-    return turned(received(scans, parameters), mounting.pose.theta, mounting.upside_down)
+    return turned(received(scans, parameters, note), mounting.pose.theta, mounting.upside_down)

@@ -15,9 +15,16 @@ BEARING_TOLERANCE = 1e-6
 
 
 class Mask:
-    """Removes the returns of one lidar in the sectors of ``input.mask``."""
+    """Removes the returns of one lidar in the sectors of ``input.mask``.
+
+    Attributes
+    ----------
+    fault : str
+        Sentence on sectors in which the last scan had no beam; empty if there are none.
+    """
 
     def __init__(self) -> None:
+        self.fault = ''
         self._geometry: ScanGeometry | None = None
         self._key: object = None
         self._masked: NDArray[np.bool_] = np.zeros(0, dtype=bool)
@@ -51,8 +58,20 @@ class Mask:
             sectors = sectors[sectors[:, 0] != sectors[:, 1]]
             bearings = scan.geometry.bearings - mounting.pose.theta
             self._key, self._geometry = key, scan.geometry
-            self._masked = within(-bearings if mounting.upside_down else bearings, sectors)
+            bearings = -bearings if mounting.upside_down else bearings
+            self._masked = within(bearings, sectors)
+            self.fault = _fault(bearings, sectors)
         return self._masked
+
+
+def _fault(bearings: NDArray[np.float64], sectors: NDArray[np.float64]) -> str:
+    """Return a sentence on the `sectors` without any of the `bearings`; empty if each has one."""
+    empty = [sector for sector in sectors if not within(bearings, sector[None]).any()]
+    if not empty:
+        return ''
+    names = ', '.join(f'{first:g} to {last:g} rad' for first, last in empty)
+    return (f'input.mask has {names}, where the lidar has no beam: it sees {bearings.min():.4g} to '
+            f'{bearings.max():.4g} rad; expected bearings in the frame of the lidar, counter-clockwise, in radians')
 
 
 def corrected_stamp(stamp: int, offset: float) -> int:

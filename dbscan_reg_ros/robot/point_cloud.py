@@ -24,6 +24,8 @@ LARGEST_SECONDS = 1e12
 """Floating-point times above this are in nanoseconds, as of Livox; integer times always are."""
 SAME_CLOCK = 1.0
 """Times of the points that differ by more than this [s] from the stamp of the message are those of another clock."""
+SAMPLE = 1000
+"""Approximate number of points whose unit and axes are checked."""
 IN_ORDER = 0.1
 """The points were measured in the order of their bearings if the median deviation from a constant turn rate is at most
 this fraction of the duration of the message."""
@@ -109,6 +111,14 @@ def scan_from_cloud(message: PointCloudMessage, matrix: Array, parameters: Input
     times = _times(points, chosen, 1e-9 * stamp - parameters.time_offset[0])
     beams = _Order() if times is None else _order(bins, times, count)
     return _scan(message, count, beams, (bins, bearings, ranges[chosen]))
+
+
+def some_points(message: PointCloudMessage) -> Array:
+    """Return about `SAMPLE` of the measured points of a message, ``(N, 3)``, in its frame."""
+    points = _read(message)
+    points = points[::max(len(points) // SAMPLE, 1)]
+    xyz = np.stack([points[name].astype(float) for name in 'xyz'], axis=1)
+    return np.asarray(xyz[np.isfinite(xyz).all(axis=1) & xyz.any(axis=1)])
 
 
 def no_points(message: PointCloudMessage, matrix: Array, parameters: InputParameters) -> str:

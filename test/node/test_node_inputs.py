@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which scans are used, and which of their beams."""
 import array
+import dataclasses
 import math
 
 import numpy as np
@@ -12,10 +13,13 @@ from ros_helpers import TIMEOUT, Loudspeaker, changed, distances, played, restam
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
+from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.interfaces.messages import scan_to_message
 from dbscan_reg_ros.recordings.snapshots import read_snapshot
+from dbscan_reg_ros.replays.sensor_mounting import prepared
 from dbscan_reg_ros.robot.mask import within
+from dbscan_reg_ros.robot.parameter_groups import InputParameters
 
 
 @pytest.mark.parametrize('sector, inside', [
@@ -116,3 +120,16 @@ def test_all_scans_of_a_burst_are_used(node, peer, scans, truth):
             publisher.publish(scan_to_message(scan))
         peer.until(lambda end=begin + 25: len(answers) == end)
     assert distances(answers, truth[:75]).max() < 0.1
+
+
+def test_a_masked_sector_without_a_beam_is_logged_once(start_node, player, scans):
+    node = start_node('-p', 'input.mask:=[2.0, 2.5, -0.1, 0.1, 0.0, 0.0, 0.0, 0.0]')
+    player.wait_for_node(TIMEOUT)
+    ahead = dataclasses.replace(scans[0].geometry, angle_min=float(scans[0].geometry.bearings[90]), size=180)
+    half = [dataclasses.replace(scan, ranges=scan.ranges[90:270], geometry=ahead) for scan in scans[:4]]
+    assert player.play(half).lost == 0
+    says = 'input.mask has 2 to 2.5 rad, where the lidar has no beam: it sees -1.5'
+    assert node.output().count(says) == 1
+    notes, given = [], InputParameters(mask=(2.0, 2.5, -0.1, 0.1, *[0.0] * 4))
+    assert len(list(prepared(half, Mounting(), given, notes.append))) == 4
+    assert {note.startswith(says) for note in notes} == {True}

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import rclpy  # noqa: F401 - needs ROS
+from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from ros_helpers import LATCHED, Loudspeaker, Peer, distances, said, transform
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
@@ -19,7 +20,7 @@ HEIGHTS = 0.0, 0.3, 0.9, 1.4, 2.4
 """Heights of the returns above the floor [m]: all around at those of the floor and of the ceiling, else on walls."""
 
 
-def cloud_of(scan, tilted=True):
+def cloud_of(scan, tilted=True, factor=1.0):
     """The message of a 3D lidar that sees walls where `scan` has returns, and the floor and the ceiling before them."""
     flat = scan.points[scan.valid]
     points = np.concatenate([np.column_stack((flat * (1.0 if 0.0 < z < 2.0 else 0.4), np.full(len(flat), z - HEIGHT)))
@@ -27,6 +28,7 @@ def cloud_of(scan, tilted=True):
     if tilted:
         c, s = math.cos(PITCH), math.sin(PITCH)
         points = points @ np.array(((c, 0.0, s), (0.0, 1.0, 0.0), (-s, 0.0, c)))
+    points = factor * points
     rows = np.zeros(len(points), dtype=KIND)
     for name, values in zip('xyz', points.T, strict=True):
         rows[name] = values
@@ -82,3 +84,14 @@ def test_only_messages_of_the_given_type_are_received(start_node, peer, scans):
         lidar.until(lambda: found, cloud_of(scans[5], tilted=False))
     assert {in_nanoseconds(message.header.stamp) for message in found} == {scans[5].stamp}
     assert 'subscribed to sensor_msgs' not in node.output()
+
+
+def test_points_in_millimetres_are_named(start_node, peer, scans):
+    node = start_node('-p', 'input.type:=sensor_msgs/PointCloud2', '-p', 'mounting:=none')
+    received = peer.listen(DiagnosticArray, '/diagnostics')
+    lidar = Loudspeaker(peer, PointCloud2, '/scan')
+    peer.greet()
+    lidar.tell(*(cloud_of(scan, tilted=False, factor=1000.0) for scan in scans[:3]))
+    said(node, 'the points look like millimetres', peer)
+    peer.until(lambda: any('the points look like millimetres' in s.message for m in received for s in m.status))
+    assert 'heights of its points' not in node.output()

@@ -197,21 +197,21 @@ def test_the_yaw_rate_gives_the_rotation_and_the_motion_model_the_translation(st
         assert update.prior.rotation_sigma == pytest.approx(0.03, rel=1e-6)
 
 
-def test_an_imu_that_says_it_has_no_rate_is_named_and_not_believed(start_with, player, peer, scans, truth, tmp_path):
+def test_an_imu_without_a_rate_is_named_and_not_believed(start_with, player, peer, scans, truth, tmp_path):
     node = start_with('imu', *PLACE)
     player.wait_for_node(TIMEOUT)
     imu = Loudspeaker(peer, Imu, 'imu')
-    messages = [turning(scan.stamp, 0.0) for scan in scans[:20]]
-    for message in messages:
+    messages = [turning(scan.stamp, (0.0, math.nan)[k % 2]) for k, scan in enumerate(scans[:20])]
+    for message in messages[::2]:
         message.angular_velocity_covariance[0] = -1.0
-    imu.until(lambda: '/imu: angular_velocity_covariance begins with -1, so there is no yaw rate' in node.output(),
-              *messages)
+    faults = 'angular_velocity_covariance begins with -1', 'angular_velocity.z is nan'
+    imu.until(lambda: all(f'/imu: {fault}, so there is no yaw rate' in node.output() for fault in faults), *messages)
     imu.tell(*messages)
     answers = player.play(scans[:20])
     assert answers.lost == 0
     assert distances(answers.messages, of_base(truth[:20], LASER)).max() < 0.05
     assert [update.prior for update in priors_taken(peer, tmp_path)] == 20 * [None]
-    assert node.output().count('begins with -1') == 1
+    assert [node.output().count(fault) for fault in faults] == [1, 1]
 
 
 def test_transforms_of_another_node_give_the_motion(start_with, player, peer, scans, truth, tmp_path):

@@ -239,9 +239,8 @@ class Odometry:
         noise = own.noise if again else own.noise.after(returns.noise_ratio)
         features = self._backend.step(extract_from_returns)(returns, p, noise.value)
         own.noise = noise
-        if not p.odometry.pole_size:
-            return features
-        return self._backend.step(with_poles)(features, p.odometry.pole_size, p.segments)
+        size = p.odometry.pole_size
+        return self._backend.step(with_poles)(features, size, p.segments) if size else features
 
     def _with_limits(self, limits: ScanParameters | None) -> Parameters:
         """Return the parameters with the `limits` of a sensor; None: as they are."""

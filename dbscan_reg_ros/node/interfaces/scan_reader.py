@@ -11,6 +11,7 @@ from ...core.geometry.mounting import Mounting
 from ...core.geometry.se2 import SE2
 from ...core.scan import Scan, in_nanoseconds
 from ...core.scan_geometry import ScanGeometry
+from ...recordings.checks.clouds import CloudChecks
 from ...recordings.checks.scan_checks import ScanChecks, ScanFields
 from ...recordings.checks.scan_warnings import BETWEEN_SCANS, ScanWarning
 from ...robot.mask import Mask
@@ -53,6 +54,7 @@ class ScanReader:
         self._warnings: dict[object, ScanWarning] = {}
         self._geometry: ScanGeometry | None = None
         self._mask = Mask()
+        self._cloud_checks, self._of_cloud = CloudChecks(), list[ScanWarning]()
 
     def check(self, message: ScanMessage, mixed: bool) -> list[ScanWarning]:
         """Return the warnings about a scan; log each warning once while its cause lasts.
@@ -61,11 +63,14 @@ class ScanReader:
         """
         found: list[ScanWarning] = self._checks.look(ScanFields.from_message(message), self._clock.now().nanoseconds)
         found = [warning for warning in found if not (mixed and warning.kind in BETWEEN_SCANS)]
+        self._tell(found)
+        return [*found, *self._of_cloud]
+
+    def _tell(self, found: list[ScanWarning]) -> None:
         for warning in found:
             if self._warnings.get(warning.kind) is not warning:
                 self._log.warn(warning.text)
             self._warnings[warning.kind] = warning
-        return found
 
     def restart(self) -> None:
         """Accept any stamp of the next scan: the clock was reset."""
@@ -93,10 +98,19 @@ class ScanReader:
             matrix = mountings.matrix(frame, stamp, self._log)
             mounting = Mounting(SE2(float(matrix[0, 3]), float(matrix[1, 3])))
             scan = scan_from_cloud(message, matrix, parameters)
-            if not scan.valid.any():
+            self._of_cloud = self._cloud_checks.look(message, matrix)
+            self._tell(self._of_cloud)
+            if not (scan.valid.any() or self._of_cloud):
                 self._log.warn(no_points(message, matrix, parameters))
-            return self._mask.apply(scan, mounting, parameters), mounting
+            return self._masked(scan, mounting, parameters), mounting
         mounting = mountings.find(frame, stamp, self._log)
         scan = Scan.from_message(message, self._geometry, mounting.upside_down, mounting.pose.theta)
         self._geometry = scan.geometry
-        return self._mask.apply(scan, mounting, parameters), mounting
+        return self._masked(scan, mounting, parameters), mounting
+
+    def _masked(self, scan: Scan, mounting: Mounting, parameters: InputParameters) -> Scan:
+        """Return the scan without masked returns; log once where the mask is outside of the field of view."""
+        before, scan = self._mask.fault, self._mask.apply(scan, mounting, parameters)
+        if self._mask.fault and self._mask.fault != before:
+            self._log.warn(self._mask.fault)
+        return scan

@@ -140,7 +140,8 @@ class Bag(Recording):
                 continue
             if self._frame and _frame_of(message) != self._frame:
                 continue
-            self._look(watch, ScanFields.from_message(message))
+            of_cloud = self._cloud_reader(self._clouds, message).check(message) if self._clouds else ()
+            self._look(watch, ScanFields.from_message(message), of_cloud)
             yield from self._played(revolution.add(message), number, time)
         if revolution.note:
             self.note(revolution.note)
@@ -160,8 +161,11 @@ class Bag(Recording):
     def _scan_of(self, message) -> Scan:
         if not self._clouds:
             return Scan.from_message(message, self._geometry)
-        self._reader = self._reader or self._clouds.reader(self.path, self.topic, message.header.frame_id)
-        return self._reader.scan(message)
+        return self._cloud_reader(self._clouds, message).scan(message)
+
+    def _cloud_reader(self, clouds: CloudParameters, message) -> CloudReader:
+        self._reader = self._reader or clouds.reader(self.path, self.topic, message.header.frame_id)
+        return self._reader
 
     def records(self):
         """Yield the `Record` of each scan, with the laser pose and the wheel pose interpolated at its stamp."""

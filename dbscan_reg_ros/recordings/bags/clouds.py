@@ -12,6 +12,7 @@ from ...robot.mounting import mounting_from_parameters
 from ...robot.parameter_groups import InputParameters
 from ...robot.parameters import NodeParameters
 from ...robot.point_cloud import Array, no_points, scan_from_cloud
+from ..checks.clouds import CloudChecks
 from ..playback import only
 from .static_transforms import static_matrix
 
@@ -94,10 +95,18 @@ class CloudReader:
     def __init__(self, parameters: CloudParameters, matrix: Array) -> None:
         self.mounting = Mounting(SE2(float(matrix[0, 3]), float(matrix[1, 3])))
         self.problem = ''
-        self._parameters, self._matrix = parameters, matrix
+        self._parameters, self._matrix, self._checks = parameters, matrix, CloudChecks()
+
+    def check(self, message) -> list:
+        """Return the warnings about a message."""
+        return self._checks.look(message, self._matrix)
+
+    def _problem_of(self, message) -> str:
+        found = self.check(message)
+        return found[0].text if found else no_points(message, self._matrix, self._parameters.input)
 
     def scan(self, message) -> Scan:
         """Return the scan of a message; raise a ScanError if it is damaged."""
         scan = scan_from_cloud(message, self._matrix, self._parameters.input)
-        self.problem = '' if scan.valid.any() else no_points(message, self._matrix, self._parameters.input)
+        self.problem = '' if scan.valid.any() else self._problem_of(message)
         return scan

@@ -215,9 +215,9 @@ class ScanWatch:
         self._checks = ScanChecks()
         self._sightings = {}
 
-    def look(self, fields):
-        """Check the next scan, its `ScanFields`."""
-        for warning in self._checks.look(fields):
+    def look(self, fields, further=()):
+        """Check the next scan, its `ScanFields`; `further` are other warnings about it."""
+        for warning in (*self._checks.look(fields), *further):
             self._sightings.setdefault(warning.kind, Sighting(warning, self.seen)).count += 1
         self.seen += 1
 

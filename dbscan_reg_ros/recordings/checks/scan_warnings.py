@@ -23,6 +23,7 @@ class Kind(Enum):
     RANGE_MAX = 'range_max'
     RANGE_MIN = 'range_min'
     NO_RETURN = 'no_return'
+    OPTICAL_FRAME = 'optical_frame'
 
 
 BETWEEN_SCANS = Kind.BEAMS, Kind.STAMP_EQUAL, Kind.STAMP_UNIT, Kind.STAMP_BACK, Kind.TIME_INCREMENT

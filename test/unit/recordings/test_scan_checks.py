@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Warnings about wrong scan metadata: the same for a recording and in the node."""
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from dbscan_reg_ros import Scan
+from dbscan_reg_ros.recordings.checks.clouds import CloudChecks
 from dbscan_reg_ros.recordings.checks.scan_checks import ScanChecks, ScanFields, ScanWatch
 from dbscan_reg_ros.recordings.checks.scan_warnings import Kind
 
@@ -160,3 +162,31 @@ def test_damaged_numbers_are_looked_at_without_a_warning():
 def test_a_scan_of_its_own_is_looked_at_as_its_message(scans):
     assert not sightings(ScanFields.from_scan(scan) for scan in scans)
     assert isinstance(scans[0], Scan)
+
+
+# Point clouds
+
+def cloud_of(points):
+    """The message of a lidar with the `points` (N, 3)."""
+    fields = [SimpleNamespace(name=name, offset=4 * k, datatype=7) for k, name in enumerate('xyz')]
+    header = SimpleNamespace(frame_id='camera', stamp=SimpleNamespace(sec=1, nanosec=0))
+    return SimpleNamespace(header=header, height=1, width=len(points), fields=fields, is_bigendian=False, point_step=12,
+                           row_step=12 * len(points), data=np.asarray(points, dtype='<f4').tobytes())
+
+
+OPTICAL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+"""Turns points with x forward and z up to those of a camera: x to the right, y down, z forward."""
+
+
+@pytest.mark.parametrize('factor, turn, mounted, kinds', [
+    (1.0, np.eye(3), np.eye(3), []), (1000.0, np.eye(3), np.eye(3), [Kind.MILLIMETRES]),
+    (100.0, np.eye(3), np.eye(3), [Kind.CENTIMETRES]), (1.0, OPTICAL, np.eye(3), [Kind.OPTICAL_FRAME]),
+    (1.0, OPTICAL, OPTICAL.T, [])])
+def test_the_unit_and_the_axes_of_point_clouds_are_checked(factor, turn, mounted, kinds):
+    rng, matrix = np.random.default_rng(1), np.eye(4)
+    distance, across, up = rng.uniform(1.0, 6.0, 500), rng.uniform(-0.5, 0.5, 500), rng.uniform(-0.4, 0.4, 500)
+    points = factor * distance[:, None] * np.column_stack((np.ones(500), across, up)) @ turn.T
+    matrix[:3, :3] = mounted
+    checks = CloudChecks()
+    first, again = (checks.look(cloud_of(points), matrix) for _ in range(2))
+    assert [warning.kind for warning in first] == kinds and again == first
