@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from .command_line import CommandError, make_parser, run, seed
 
 WORLDS = ('rooms', 'corridor', 'hall')
-PRESETS = ('depth_camera', 'gazebo', 'hokuyo_urg04lx', 'hokuyo_utm30lx', 'ldrobot_ld19', 'lds', 'lds_01', 'lds_02',
-           'lds_03', 'omron_os32c', 'pepperl_fuchs_r2000', 'pilz_psenscan', 'rplidar_a', 'rplidar_a1', 'rplidar_s',
-           'sick_lms200', 'sick_lms5xx', 'sick_microscan3', 'sick_tim', 'ydlidar_g', 'ydlidar_g6', 'ydlidar_tg',
-           'ydlidar_x2', 'ydlidar_x4')
+PRESETS = ('depth_camera', 'gazebo', 'hokuyo_urg04lx', 'hokuyo_utm30lx', 'ldrobot_ld19', 'ldrobot_stl27l', 'lds',
+           'lds_01', 'lds_02', 'lds_03', 'omron_os32c', 'oradar_ms200', 'pepperl_fuchs_r2000', 'pilz_psenscan',
+           'rplidar_a', 'rplidar_a1', 'rplidar_c1', 'rplidar_s', 'sick_lms200', 'sick_lms5xx', 'sick_microscan3',
+           'sick_tim', 'ydlidar_g', 'ydlidar_g6', 'ydlidar_tg', 'ydlidar_x2', 'ydlidar_x4')
 LIDAR = (
     ('--beams', int, 'N', 'number of beams'),
     ('--angle-min', float, 'DEG', 'bearing of the first beam'),

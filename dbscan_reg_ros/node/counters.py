@@ -100,6 +100,8 @@ class Counters:
         self.too_fast += any(limit.value in reason for limit in LIMITS)
         self.durations.append(duration)
         self.update = update
+        if update.finding:
+            self.add_warnings([ScanWarning(Kind.TIME_INCREMENT, update.finding)])
         self.skip_reason = ''
         self.sensor_pose = sensor_pose
         self.degenerate_direction = None

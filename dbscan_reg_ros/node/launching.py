@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..core.errors import DbscanRegError, ParameterError
+from ..core.parameters.features import DIRECTIONS
 from ..paths import NO_SENSORS
 from ..robot.parameter_groups import SOURCES
 from ..robot.parameters import MOUNTINGS, NodeParameters
@@ -26,8 +27,9 @@ if TYPE_CHECKING:
 PACKAGE = 'dbscan_reg_ros'
 SHOWN = 'odom', 'segments', 'path', 'local_map'
 """Topics of the node that config/scan_matcher.rviz displays."""
-PARAMETERS = {'base_frame': 'base_frame', 'mounting': 'mounting', 'odom_frame': 'odom_frame', 'prior': 'prior.source',
-              'publish_tf': 'publish_tf', 'use_sim_time': 'use_sim_time'}
+PARAMETERS = {'base_frame': 'base_frame', 'direction': 'scan.direction', 'mounting': 'mounting',
+              'odom_frame': 'odom_frame', 'prior': 'prior.source', 'publish_tf': 'publish_tf',
+              'use_sim_time': 'use_sim_time'}
 """Launch argument -> parameter that it sets when it is not empty."""
 SWITCHES = 'publish_tf', 'use_sim_time'
 """Launch arguments of boolean parameters."""
@@ -52,6 +54,8 @@ def scan_matcher_arguments() -> list[Any]:
         argument('odom_frame', 'frame in which the pose is published'),
         argument('base_frame', 'frame of the robot base, whose pose and twist are published'),
         argument('publish_tf', 'true: publish the transform between odom_frame and base_frame'),
+        argument('direction', 'scan.direction: direction in which the lidar turns, seen from above',
+                 choices=DIRECTIONS),
         argument('mounting', 'source of the pose of the laser on the base', choices=MOUNTINGS),
         argument('prior', 'prior.source: external source of the motion since the last scan', choices=SOURCES),
         argument('use_sim_time', 'true: take the time from /clock'),

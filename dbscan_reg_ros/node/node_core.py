@@ -230,7 +230,9 @@ class NodeCore:
             lidar.stamps.restart()
 
     def _log_tracking(self, lidar: Lidar, update: OdometryUpdate) -> None:
-        """Log a restart of the tracking and a failed registration of a scan of `lidar`."""
+        """Log a restart of the tracking, a failed registration, and what a scan has shown about its `lidar`."""
+        if update.finding:
+            lidar.log.warn(update.finding)
         if update.restarted and update.registration is None:
             self._sender.restart()
             lidar.log.warn(f'tracking restarted at the last pose: {update.restarted}')

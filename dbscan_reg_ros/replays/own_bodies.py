@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lidars of a replay that see the robot itself."""
+"""What a replay finds about the lidars: where they see the robot itself, and when their beams are measured."""
 from ..core.odometry.sensor import FIRST
+from ..recordings.scan_checks import Kind
 from ..robot.own_body import OwnBody, advice, described
 
 
 class OwnBodies:
-    """Finds for each lidar where it sees the robot itself, as the node does.
+    """Finds for each lidar where it sees the robot itself, as the node does; collects what the odometry finds.
 
     Parameters
     ----------
@@ -20,6 +21,7 @@ class OwnBodies:
 
     def __init__(self, lidars):
         self._lidars = [(topic, mounting, OwnBody()) for topic, mounting in lidars]
+        self._findings = []
 
     def watching(self, odometry):
         """Return the `odometry`, each scan of which is searched."""
@@ -29,14 +31,18 @@ class OwnBodies:
     def process(self, scan, prior=None, sensor=FIRST):
         """Return the update for a scan; arguments, results and errors are those of `Odometry.process`."""
         update = self._odometry.process(scan, prior, sensor)
-        _, _, body = self._lidars[sensor.rank]
+        topic, _, body = self._lidars[sensor.rank]
+        if update.finding:
+            text = f'{update.finding} (from scan {update.number} on)'
+            self._findings.append((topic, Kind.TIME_INCREMENT.value, text))
         body.add(scan, update.pose @ update.sensor.pose)
         return update
 
     def found(self, parameters) -> list:
-        """Return the topic of each lidar that sees the robot, and a sentence with what to do."""
+        """Return topic of the lidar, kind, and a sentence with what to do, for all that was found."""
         seen = [(parameters.lidar(topic), topic, [each.in_lidar(mounting) for each in body.sectors])
                 for topic, mounting, body in self._lidars if body.sectors]
         several = len(self._lidars) > 1
-        return [(topic, f'{described(sectors)}; {advice(lidar.name, several, lidar.input.mask, sectors)}')
-                for lidar, topic, sectors in seen]
+        return self._findings + [
+            (topic, 'own_body', f'{described(sectors)}; {advice(lidar.name, several, lidar.input.mask, sectors)}')
+            for lidar, topic, sectors in seen]

@@ -24,13 +24,13 @@ def write_metrics(path, recordings, measures, counts, bodies=()):
         Measures of the first lidar.
     counts : dict
         Topic -> `LidarCounts`; empty for a single lidar.
-    bodies : list of (str, str)
-        Topic of each lidar that sees the robot itself, and a sentence about this.
+    bodies : list of (str, str, str)
+        What the replay found about lidars: topic, kind, and a sentence.
     """
     recording = recordings[0]
     warnings = [{'topic': each.topic} | sighting.as_fields()
                 for each in recordings for sighting in each.watch.sightings]
-    warnings += [{'topic': topic, 'kind': 'own_body', 'text': text} for topic, text in bodies]
+    warnings += [{'topic': topic, 'kind': kind, 'text': text} for topic, kind, text in bodies]
     content = {'recording': recording.name, 'file': str(recording.path), 'topic': recording.topic,
                'backend': default_backend().name, 'notes': _notes(recordings), 'warnings': warnings}
     if counts:
@@ -55,7 +55,7 @@ def describe_recordings(recordings, counts, bodies=(), base=False) -> list:
             ('poses', f'those of the lidar on {recordings[0].topic}, in its frame at its first scan{of_files}'))
     seen = [(each.topic, line) for each in recordings for line in each.watch.lines()]
     return [*lidars, *(('note', note) for note in _notes(recordings)),
-            *(('warning', f'{topic}: {line}' if counts else line) for topic, line in (*seen, *bodies))]
+            *(('warning', f'{topic}: {line}' if counts else line) for topic, *_, line in (*seen, *bodies))]
 
 
 def describe_contradictions(trajectory) -> list:

@@ -15,7 +15,8 @@ INHERITED = {'type': 'input.type', 'mounting': 'mounting', 'laser_pose': 'laser_
              'mask': 'input.mask', 'mask_range': 'input.mask_range', 'time_offset': 'input.time_offset',
              'height_min': 'input.height_min', 'height_max': 'input.height_max', 'bearing_step': 'input.bearing_step',
              'range_min': 'scan.range_min', 'range_max': 'scan.range_max', 'noise_min': 'scan.noise_min',
-             'noise_max': 'scan.noise_max', 'direction': 'scan.direction'}
+             'noise_max': 'scan.noise_max', 'direction': 'scan.direction', 'revolution': 'scan.revolution',
+             'stamp': 'scan.stamp'}
 """Parameter below the name of a lidar -> parameter from which it is inherited."""
 OWN = 'topic', *INHERITED
 """Parameters below the name of a lidar."""

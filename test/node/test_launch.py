@@ -27,18 +27,19 @@ from ros_helpers import TIMEOUT, Parameters
 from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.core.errors import ParameterError
+from dbscan_reg_ros.core.parameters.features import DIRECTIONS
 from dbscan_reg_ros.node.playback.player import Player
 from dbscan_reg_ros.robot.parameter_groups import SOURCES
 from dbscan_reg_ros.robot.parameters import MOUNTINGS
 
 FILES = 'scan_matcher', 'play'
-SENSORS = ['hokuyo_urg04lx', 'hokuyo_utm30lx', 'ldrobot_ld19', 'lds', 'lds_01', 'lds_03', 'omron_os32c', 'rplidar_a',
-            'rplidar_s', 'sick_lms5xx', 'sick_tim', 'ydlidar_g', 'ydlidar_g6', 'ydlidar_tg', 'ydlidar_x2',
-           'ydlidar_x4']
+SENSORS = ['hokuyo_urg04lx', 'hokuyo_utm30lx', 'ldrobot_ld19', 'ldrobot_stl27l', 'lds', 'lds_01', 'lds_03',
+           'omron_os32c', 'oradar_ms200', 'rplidar_a', 'rplidar_c1', 'rplidar_s', 'sick_lms5xx', 'sick_tim',
+           'ydlidar_g', 'ydlidar_g6', 'ydlidar_tg', 'ydlidar_x2', 'ydlidar_x4']
 TRANSFORMS = [('/tf', 'tf'), ('/tf_static', 'tf_static')]
 COMMON = {'namespace': '', 'remap_tf': 'true', 'scan_topic': '', 'sensor': '', 'params_file': '', 'odom_frame': '',
-          'base_frame': '', 'publish_tf': '', 'mounting': '', 'prior': '', 'use_sim_time': '', 'lifecycle': 'false',
-          'autostart': 'true', 'rviz': 'false', 'log_level': ''}
+          'base_frame': '', 'direction': '', 'publish_tf': '', 'mounting': '', 'prior': '', 'use_sim_time': '',
+          'lifecycle': 'false', 'autostart': 'true', 'rviz': 'false', 'log_level': ''}
 ARGUMENTS = {'scan_matcher': COMMON, 'play': COMMON | {'recording': None, 'rate': '1.0', 'topics': ''}}
 
 
@@ -135,7 +136,8 @@ def test_the_arguments_are_declared_with_their_defaults_and_described(descriptio
     assert {a.name: a.default_value for a in declared} == ARGUMENTS[name]
     assert all(len(a.description) > 10 for a in declared)
     choices = {a.name: a.choices for a in declared if a.choices}
-    assert choices == {'sensor': ['', *SENSORS], 'mounting': ['', *MOUNTINGS], 'prior': ['', *SOURCES]}
+    assert choices == {'sensor': ['', *SENSORS], 'mounting': ['', *MOUNTINGS], 'prior': ['', *SOURCES],
+                       'direction': ['', *DIRECTIONS]}
 
 
 @pytest.mark.parametrize('name', FILES)
@@ -169,6 +171,7 @@ def test_without_arguments_the_node_is_as_it_is_without_launch(launched):
     ('use_sim_time', '1', 'use_sim_time', True),
     ('mounting', 'laser_pose', 'mounting', 'laser_pose'),
     ('prior', 'imu', 'prior.source', 'imu'),
+    ('direction', 'clockwise', 'scan.direction', 'clockwise'),
 ])
 def test_an_argument_sets_its_parameter_and_no_other(matcher, argument, value, parameter, expected):
     found = matcher(**{argument: value})

@@ -13,6 +13,7 @@ from sensor_msgs.msg import Image, LaserScan
 
 from dbscan_reg_ros.node.interfaces.messages import stamp_to_message
 from dbscan_reg_ros.recordings import open_recording
+from dbscan_reg_ros.simulation import PRESETS, follow, rooms, simulate
 
 START = 1_700_000_000 * 10**9
 CHANGES = {
@@ -66,6 +67,18 @@ def test_the_node_warns_about_scans_as_about_their_recording(kind, start_node, p
     status = peer.until(lambda: next((s for m in received for s in m.status if offline[kind][:20] in s.message), None))
     assert status.level in (status.WARN, status.ERROR)
     assert warnings(node) == [offline[kind]]
+
+
+def test_the_node_says_once_in_which_direction_a_lidar_turns(start_node, peer, player):
+    world = rooms(1)
+    drive = simulate(world, follow(world.tour[:4], speed=1.0).until(10.0), PRESETS['ldrobot_ld19'], seed=1)
+    node = start_node('-p', 'mounting:=none')
+    received = peer.listen(DiagnosticArray, '/diagnostics')
+    player.wait_for_node(20.0)
+    player.play(drive.scans, patience=5.0)
+    text, = warnings(node)
+    assert text.endswith('set scan.direction to clockwise')
+    peer.until(lambda: any(text in s.message and s.level == s.WARN for m in received for s in m.status))
 
 
 @pytest.mark.parametrize('name', ['replay_two_frames', 'millimetres/ranges_only', 'millimetres/ranges_and_range_max'])

@@ -8,8 +8,9 @@ import yaml
 from dbscan_reg_ros.robot.parameter_files import read_parameters
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
-SENSORS = ('hokuyo_urg04lx', 'hokuyo_utm30lx', 'ldrobot_ld19', 'lds', 'lds_01', 'lds_03', 'omron_os32c', 'rplidar_a',
-           'rplidar_s', 'sick_lms5xx', 'sick_tim', 'ydlidar_g', 'ydlidar_g6', 'ydlidar_tg', 'ydlidar_x2', 'ydlidar_x4')
+SENSORS = ('hokuyo_urg04lx', 'hokuyo_utm30lx', 'ldrobot_ld19', 'ldrobot_stl27l', 'lds', 'lds_01', 'lds_03',
+           'omron_os32c', 'oradar_ms200', 'rplidar_a', 'rplidar_c1', 'rplidar_s', 'sick_lms5xx', 'sick_tim',
+           'ydlidar_g', 'ydlidar_g6', 'ydlidar_tg', 'ydlidar_x2', 'ydlidar_x4')
 DEFAULTS = NodeParameters()
 FRAMES = {DEFAULTS.odom_frame, DEFAULTS.base_frame}
 

@@ -216,9 +216,10 @@ def test_a_wrong_name_is_one_line_that_says_what_there_is(hall_recording, capsys
     assert main(['defaults', 'absent', str(hall_recording)]) == 2
     assert capsys.readouterr().err == ('compare: absent: no such file; expected a parameter file, a parameter set: '
                                        'defaults, '
-                                       'hokuyo_urg04lx, hokuyo_utm30lx, ldrobot_ld19, lds, lds_01, lds_03, '
-                                       'omron_os32c, rplidar_a, rplidar_s, sick_lms5xx, sick_tim, ydlidar_g, '
-                                       'ydlidar_g6, ydlidar_tg, ydlidar_x2, ydlidar_x4; or a method: '
+                                       'hokuyo_urg04lx, hokuyo_utm30lx, ldrobot_ld19, ldrobot_stl27l, lds, '
+                                       'lds_01, lds_03, omron_os32c, oradar_ms200, rplidar_a, rplidar_c1, '
+                                       'rplidar_s, sick_lms5xx, sick_tim, ydlidar_g, ydlidar_g6, ydlidar_tg, '
+                                       'ydlidar_x2, ydlidar_x4; or a method: '
                                        'dbscan, paper, small_gicp, kiss-icp, icp, idc, icl, identity, '
                                        'MODULE:FUNCTION\n')
 

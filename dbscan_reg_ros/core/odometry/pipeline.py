@@ -2,6 +2,7 @@
 """Laser odometry: estimates the pose of a moving sensor from its scans."""
 import copy
 import dataclasses
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +22,17 @@ from . import update
 from .calibration.comparisons import LidarComparisons
 from .calibration.location import Location, locate
 from .gate import Gate
+from .models.beam_timing import MovingScan
 from .models.deskew import deskew
 from .models.repeated_scans import RepeatedScans
 from .models.stamps import Jump, ScanInterval, middle_offset
 from .prediction import Predictions, predict
 from .records import OdometryUpdate
 from .reference_search import ReferenceSearch
-from .references import Outcome
+from .references import Outcome, search_parameters
 from .report import report_waiting
 from .sensor import FIRST, Sensor
-from .state import Mode, SensorState
+from .state import Mode, SensorState, TrackState
 
 
 class Odometry:
@@ -56,7 +58,7 @@ class Odometry:
         self.parameters = parameters
         self.comparisons = comparisons or LidarComparisons()
         self._backend = backend or default_backend()
-        self._state, self._repeated = update.initial_state(SE2(), number=0), RepeatedScans()
+        self._state, self._repeated = TrackState.initial(SE2(), number=0), RepeatedScans()
 
     @property
     def backend(self) -> Backend:
@@ -74,8 +76,9 @@ class Odometry:
         self._limited: dict[ScanParameters, Parameters] = {}
 
     def reset(self, pose: SE2 = SE2()) -> None:
-        """Forget everything except the number of scans; the next scan starts a track at `pose`."""
-        self._state, self._repeated = update.initial_state(pose, self._state.output.number), RepeatedScans()
+        """Forget all but the number of scans and the timing of beams; the next scan starts a track at `pose`."""
+        self._state = TrackState.initial(pose, self._state.output.number, self._state.sensors)
+        self._repeated = RepeatedScans()
         self.comparisons.restart()
 
     def process(self, scan: Scan, prior: Prior | None = None, sensor: Sensor = FIRST) -> OdometryUpdate:
@@ -113,8 +116,7 @@ class Odometry:
 
     def _locate(self, result: OdometryUpdate, mounting: SE2 | None) -> Location | None:
         """Locate the scan of a further sensor in the map of the sensors of rank 0, in the published frame."""
-        state = self._state
-        window = state.window and state.window.of_rank(0)
+        state, window = self._state, self._state.window and self._state.window.of_rank(0)
         if not window:
             return None
         predicted = None
@@ -127,12 +129,12 @@ class Odometry:
     def _process(self, scan: Scan, prior: Prior | None, sensor: Sensor) -> OdometryUpdate:
         """Register a scan; the steps of `process`."""
         state, p = self._state, self._parameters
-        scan = scan.as_measured(self._with_limits(sensor.limits).scan.direction)
-        # Stamp: how long the scan took, and whether its motion can be removed.
+        # Stamp: when the beams were measured, how long the scan took, and whether its motion can be removed.
         uses = self._uses(scan, sensor)
         sensor = self.comparisons.mounted(sensor)
         own = self._sensor_state(scan, sensor, uses)
-        scan = own.no_return.removed_from(scan)
+        sent = own.no_return.removed_from(scan)
+        scan = own.timing.measured(sent, self._with_limits(sensor.limits).scan)
         timing = own.stamps.timing(scan, p, state.order.time_since_last(scan.stamp))
         # Features of the deskewed scan.
         twist = timing.ratio * self.comparisons.guessed(sensor).twist_of(state.motion.twist) if timing.deskews else None
@@ -143,7 +145,7 @@ class Odometry:
             return report_waiting(state, features, sensor, repeats)
         interval = self._since_last(scan, sensor, since_own)
         if state.window is None or interval.jump is Jump.BACKWARD:
-            return update.start(state, features, interval.reason, sensor)
+            return self._learn_timing(update.start(state, features, interval.reason, sensor), sent)
         # Predict by the external prior and by the motion model.
         if interval.jump:
             update.reset_velocity(state)
@@ -155,13 +157,14 @@ class Odometry:
         # Register to the local map, else to other references; the gate decides which result is believed.
         gate, outcome = self._search(features, gate)
         if timing.deskews and self._starts_in_motion(outcome, gate):
+            own.timing.restart_track()
             features, gate = self._start_in_motion(scan, outcome, gate)
             gate, outcome = self._search(features, gate)
         # Not found: dead reckoning, or a restart.
         if outcome.match is None and outcome.rejoined is None:
             return update.coast(state, features, outcome, gate, p)
         # Found: align with the map; update motion, covariances, key frames and heading; report.
-        return update.follow(state, outcome, gate, p)
+        return self._learn_timing(update.follow(state, outcome, gate, p), sent)
 
     def predict_motion(self, stamp: int) -> Prior | None:
         """Predict the motion to a scan at `stamp` [ns] with the motion model alone; None before the first scan."""
@@ -242,6 +245,22 @@ class Odometry:
         size = p.odometry.pole_size
         return self._backend.step(with_poles)(features, size, p.segments) if size else features
 
+    def _learn_timing(self, result: OdometryUpdate, sent: Scan) -> OdometryUpdate:
+        """Learn from a key frame, a scan as `sent`, when its beams are measured; report and apply what was found."""
+        state, sensor, p = self._state, result.sensor, self._with_limits(result.sensor.limits)
+        search, stamps = state.sensors[sensor.name].timing, state.sensors[sensor.name].stamps
+        if result.starts_track:
+            search.restart_track()
+        if search.found or result.status is not Status.OK or not (result.reference_changed and p.odometry.deskew):
+            return result
+        ratio = stamps.ratio(stamps.duration)
+        twist = ratio * sensor.twist_of(state.motion.twist)
+        moving = MovingScan.of(result, sent, search.measured(sent, p.scan), twist, sensor.pose_at(state.pose))
+        finding = search.add(moving, stamps.typical, partial(self._extract, sensor=sensor, again=True), p)
+        if finding:
+            update.replace_key_frames(state, search.key_frames(), sensor, ratio * search.middle_offset)
+        return dataclasses.replace(result, finding=finding)
+
     def _with_limits(self, limits: ScanParameters | None) -> Parameters:
         """Return the parameters with the `limits` of a sensor; None: as they are."""
         if limits is None or limits == self._parameters.scan:
@@ -278,23 +297,3 @@ class Odometry:
         interval = dataclasses.replace(predictions.interval, middle_offset=middle_offset(scan, features, ratio))
         update.start_in_motion(state, first, sensor.first_twist(twist), interval)
         return features, gate.after(interval)
-
-
-def search_parameters(parameters: Parameters) -> Parameters:
-    """Return the parameters of registrations to single references.
-
-    The gate checks their results as well, so that more errors are allowed than by `decision.min_confidence` alone.
-    If the scan is aligned with the window afterwards, that alignment is final: the registration is not polished, and
-    near-parallel walls count as parallel with the same tolerance as in the window.
-    """
-    confidence = max(1.0 - _GATED_ERRORS * (1.0 - parameters.decision.min_confidence), 0.0)
-    decision = dataclasses.replace(parameters.decision, min_confidence=confidence)
-    if parameters.odometry.reference != 'window':
-        return dataclasses.replace(parameters, decision=decision)
-    tolerance = max(decision.parallel_tolerance, parameters.degeneracy.parallel_tolerance)
-    return dataclasses.replace(parameters, decision=dataclasses.replace(decision, parallel_tolerance=tolerance),
-                               refinement=dataclasses.replace(parameters.refinement, polish_iterations=0))
-
-
-_GATED_ERRORS = 2.0
-"""Probability of an error that is allowed where the gate checks a result, over that of a result alone."""

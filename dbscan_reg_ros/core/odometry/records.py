@@ -60,6 +60,8 @@ class OdometryUpdate:
         Whether the scan was not used because its ranges are those of the scan before, while others are new.
     contradicted : SE2 or None
         Motion that an external prior measured instead of `increment`, and that was not used: the scan contradicts it.
+    finding : str
+        What the scans so far have shown about the lidar, and what to do; empty if this scan shows nothing new.
     """
 
     stamp: int
@@ -83,6 +85,7 @@ class OdometryUpdate:
     joined: bool = False
     repeats: bool = False
     contradicted: SE2 | None = None
+    finding: str = ''
 
     @property
     def contradicted_by(self) -> float:

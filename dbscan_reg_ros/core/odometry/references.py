@@ -191,5 +191,23 @@ def predicted_along_degenerate(frame: KeyFrame, registration: Registration, pred
     return SE2(pose.x + distance * c, pose.y + distance * s, pose.theta)
 
 
+def search_parameters(parameters: Parameters) -> Parameters:
+    """Return the parameters of registrations to single references.
+
+    The gate checks their results as well, so that more errors are allowed than by `decision.min_confidence` alone.
+    If the scan is aligned with the window afterwards, that alignment is final: the registration is not polished, and
+    near-parallel walls count as parallel with the same tolerance as in the window.
+    """
+    confidence = max(1.0 - _GATED_ERRORS * (1.0 - parameters.decision.min_confidence), 0.0)
+    decision = dataclasses.replace(parameters.decision, min_confidence=confidence)
+    if parameters.odometry.reference != 'window':
+        return dataclasses.replace(parameters, decision=decision)
+    tolerance = max(decision.parallel_tolerance, parameters.degeneracy.parallel_tolerance)
+    return dataclasses.replace(parameters, decision=dataclasses.replace(decision, parallel_tolerance=tolerance),
+                               refinement=dataclasses.replace(parameters.refinement, polish_iterations=0))
+
+
+_GATED_ERRORS = 2.0
+"""Probability of an error that is allowed where the gate checks a result, over that of a result alone."""
 _RECOVERABLE_RATIO = 0.3
 """A failed registration is retried if its score is at least this ratio of `decision.min_score`."""

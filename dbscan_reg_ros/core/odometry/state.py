@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """State of the odometry: everything that is stored from one scan to the next."""
-from dataclasses import dataclass, field
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from enum import Enum
+from types import MappingProxyType
 
 from ..features.range_noise import NoiseRatioHistory
 from ..geometry.se2 import SE2
 from ..no_return import NoReturn
 from .mapping.key_frame import KeyFrame
 from .mapping.key_frame_window import KeyFrameWindow
+from .models.beam_timing import BeamTimingSearch
 from .models.covariance import CovariancePropagation
 from .models.manhattan import ManhattanHeading
 from .models.motion import ConstantVelocityModel
 from .models.pose_output import PoseOutput
 from .models.scan_order import ScanOrder
-from .models.stamps import StampFilter
+from .models.stamps import ScanInterval, StampFilter
 from .models.wheel_calibration import WheelCalibration
 
 
@@ -108,18 +112,23 @@ class Tracking:
 
 @dataclass
 class SensorState:
-    """State stored for each sensor: filters of its stamps and of its range noise, and ranges that are no returns.
+    """State stored for each sensor: what is known about its stamps, its range noise, and its returns and beams.
 
     Attributes
     ----------
     stamps : StampFilter
     noise : NoiseRatioHistory
     no_return : NoReturn
+    timing : BeamTimingSearch
     """
 
     stamps: StampFilter = field(default_factory=StampFilter)
     noise: NoiseRatioHistory = field(default_factory=NoiseRatioHistory)
     no_return: NoReturn = field(default_factory=NoReturn)
+    timing: BeamTimingSearch = field(default_factory=BeamTimingSearch)
+
+
+NO_SENSORS: Mapping[str, SensorState] = MappingProxyType({})
 
 
 @dataclass
@@ -156,6 +165,22 @@ class TrackState:
     order: ScanOrder = field(default_factory=ScanOrder)
     window: KeyFrameWindow | None = None
     tracking: Tracking = field(default_factory=Tracking)
+
+    @classmethod
+    def initial(cls, pose: SE2, number: int, before: Mapping[str, SensorState] = NO_SENSORS) -> 'TrackState':
+        """Create the state before the first scan; that scan will be at `pose` and get this `number`.
+
+        The timing of the beams is kept from the sensors `before`.
+        """
+        return cls(pose, ConstantVelocityModel(pose), PoseOutput(pose, number),
+                   sensors={name: SensorState(timing=sensor.timing) for name, sensor in before.items()})
+
+    def lost_map_after(self, interval: ScanInterval) -> LostMap | None:
+        """Return the map before the loss, its time increased by an `interval`; None after the first scan of a track."""
+        lost = self.tracking.lost
+        if lost is None and self.tracking.mode is Mode.TRACKING:
+            lost = LostMap(self.key_frames, self.pose, copy.deepcopy(self.covariance), time=0.0)
+        return lost and replace(lost, time=lost.time + max(interval.length, interval.elapsed))
 
     @property
     def key_frames(self) -> KeyFrameWindow:

@@ -10,8 +10,8 @@ scan not found                  ``COASTING``, ``LOST``   `coast`
 lost for `restart_time`         ``STARTING``             `coast`
 =============================== ======================== =========================================
 """
-import copy
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,6 @@ from .mapping.key_frame_window import KeyFrameWindow, latest_frames
 from .models.covariance import NO_MEASUREMENT, PoseMeasurement
 from .models.manhattan import ManhattanHeading
 from .models.motion import ConstantVelocityModel, integrate
-from .models.pose_output import PoseOutput
 from .models.stamps import ScanInterval
 from .models.wheel_calibration import WheelCalibration
 from .prediction import Predictions, coasting_prior
@@ -39,13 +38,8 @@ from .records import OdometryUpdate
 from .references import Match, Outcome
 from .report import ReportedStep, report
 from .sensor import FIRST, Sensor
-from .state import LostMap, Mode, Tracking, TrackState
+from .state import Mode, Tracking, TrackState
 from .verdict import Reason
-
-
-def initial_state(pose: SE2, number: int) -> TrackState:
-    """Create the state before the first scan; that scan will be at `pose` and get this `number`."""
-    return TrackState(pose, ConstantVelocityModel(pose), PoseOutput(pose, number))
 
 
 def start(state: TrackState, features: Features, reason: str, sensor: Sensor = FIRST) -> OdometryUpdate:
@@ -91,6 +85,17 @@ def start_in_motion(state: TrackState, first: Features, twist: NDArray[np.float6
     state.motion.elapse(interval.length)
 
 
+def replace_key_frames(state: TrackState, found: Mapping[int, tuple[Features, SE2]], sensor: Sensor,
+                       middle_offset: float) -> None:
+    """Replace features and poses of the key frames of a `sensor` by those `found`, by their numbers; remove others.
+
+    The last one is that of the last scan, whose middle is `middle_offset` [s] after its stamp.
+    """
+    state.window = state.key_frames.with_features(found, sensor.name)
+    state.pose = sensor.first_at(state.window.frames_of(sensor.name)[-1].pose)
+    state.motion.start_moving(state.pose, state.motion.twist, middle_offset, sensor.name)
+
+
 def reset_velocity(state: TrackState) -> None:
     """Reset the velocity to 0, with the covariance of an unknown one."""
     state.motion.reset_velocity()
@@ -116,7 +121,7 @@ def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p
         if predictions.external is not None:
             state.pose = predicted
         return start(state, features, interval.reason or f'lost for {lost_time:.1f} s', sensor)
-    lost, mode = _lost_map(state, interval), Mode.COASTING
+    lost, mode = state.lost_map_after(interval), Mode.COASTING
     if lost_time > p.odometry.coast_time:
         mode = Mode.LOST
         if state.motion.has_velocity:
@@ -137,14 +142,6 @@ def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p
         key_frame=state.key_frames.frames_of(sensor.name)[-1], sensor=sensor))
 
 
-def _lost_map(state: TrackState, interval: ScanInterval) -> LostMap | None:
-    """Return the map before the loss, its time increased by an `interval`; None after the first scan of a track."""
-    lost, window = state.tracking.lost, state.key_frames
-    if lost is None and state.tracking.mode is Mode.TRACKING:
-        lost = LostMap(window, state.pose, copy.deepcopy(state.covariance), time=0.0)
-    return lost and dataclasses.replace(lost, time=lost.time + max(interval.length, interval.elapsed))
-
-
 def follow(state: TrackState, outcome: Outcome, gate: Gate, p: Parameters) -> OdometryUpdate:
     """Update with a registered scan: align it with the map; update motion, covariances, key frames and heading.
 
@@ -158,7 +155,7 @@ def follow(state: TrackState, outcome: Outcome, gate: Gate, p: Parameters) -> Od
     elif tracking.lost_time and match is not None and match.key_frame in tracking.last_scans:
         _begin_chain(state, match.key_frame, interval)
     elif tracking.lost is not None:
-        lost = _lost_map(state, interval)
+        lost = state.lost_map_after(interval)
         kept = lost is not None and lost.window is not state.window and lost.time <= p.odometry.restart_time
         state.tracking = dataclasses.replace(tracking, lost=lost if kept else None)
     assert match is not None
@@ -173,7 +170,7 @@ def _begin_chain(state: TrackState, first: KeyFrame, interval: ScanInterval) -> 
     state.motion.start_moving(pose, state.motion.twist, interval.middle_offset, first.sensor.name)
     state.motion.elapse(interval.length)
     state.tracking = dataclasses.replace(
-        state.tracking, lost_time=0.0, lost=_lost_map(state, interval), found=pose)
+        state.tracking, lost_time=0.0, lost=state.lost_map_after(interval), found=pose)
 
 
 def _rejoin(state: TrackState, outcome: Outcome, p: Parameters) -> None:

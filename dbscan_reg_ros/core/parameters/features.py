@@ -4,12 +4,16 @@ from dataclasses import dataclass
 
 from .schema import ParameterGroup, parameter
 
+AUTO = 'auto'
+DIRECTIONS = AUTO, 'as_sent', 'clockwise', 'counterclockwise'
+FIRST_BEAM, LAST_BEAM = 'first_beam', 'last_beam'
+
 
 @dataclass(frozen=True)
 class ScanParameters(ParameterGroup):
     """Which returns of a scan are used, and their range noise."""
 
-    BASIC = 'range_min', 'range_max', 'noise_min', 'noise_max', 'direction'
+    BASIC = 'range_min', 'range_max', 'noise_min', 'noise_max', 'direction', 'revolution', 'stamp'
 
     range_min: float = parameter(
         0.0, unit='m', bounds=(0.0, 1000.0),
@@ -37,10 +41,18 @@ class ScanParameters(ParameterGroup):
         help='Upper limit of the estimated ratio of range noise to range, for sensors whose far returns are noisier '
              'than near ones. Larger values allow lower weights of far returns; 0 gives all returns the same weight.')
     direction: str = parameter(
-        'as_sent', choices=('as_sent', 'clockwise', 'counterclockwise'),
+        AUTO, choices=DIRECTIONS,
         help='Direction in which the sensor turns, seen from above. With as_sent, the beams are measured in the order '
-             'in which they are sent. If the driver of a clockwise sensor sends the beams in the reverse order, set '
-             'clockwise. Otherwise the motion during a scan is corrected wrongly.')
+             'in which they are sent. Some drivers of clockwise sensors send the beams in the reverse order. With '
+             'auto, the first rotations show it; until then, the motion during a scan is corrected wrongly.')
+    revolution: float = parameter(
+        0.0, unit='s', bounds=(0.0, 10.0),
+        help='Time in which the sensor turns once. 0 uses the time_increment of the scans; where that is 0, the first '
+             'rotations show whether the sensor turns once from one scan to the next. Larger values correct more '
+             'motion during a scan.')
+    stamp: str = parameter(
+        FIRST_BEAM, choices=(FIRST_BEAM, LAST_BEAM),
+        help='Beam at whose time the stamp of a scan is: first_beam, as ROS defines it, or last_beam.')
 
 
 @dataclass(frozen=True)

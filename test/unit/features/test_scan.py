@@ -10,6 +10,7 @@ from rooms import DEGREE, FULL, L_ROOM, look, outline
 from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.odometry.models.beam_timing import BeamTiming
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
@@ -173,6 +174,15 @@ def test_the_noise_of_the_ranges_is_estimated():
     (350, math.radians(1.0), False), (181, math.radians(1.0), False), (1081, math.radians(0.25), False)])
 def test_beams_that_go_all_the_way_round_are_closed(size, increment, closed):
     assert ScanGeometry(-math.pi, increment, size).closed == closed
+
+
+@pytest.mark.parametrize('direction', ['as_sent', 'clockwise'])
+def test_the_stamp_may_be_that_of_the_last_beam(direction):
+    scan = Scan(7, np.arange(1.0, 6.0), ScanGeometry(0.3, 0.1, 5, 0.1, 8.0), 0.0, 'laser')
+    first, last = (BeamTiming(direction, 0.2).of(scan, last_beam) for last_beam in (False, True))
+    step = 0.2 * 0.1 / (2.0 * math.pi)
+    assert (first.time_increment, last.time_increment) == pytest.approx((step, -step))
+    np.testing.assert_allclose(first.points, last.points[::-1], atol=1e-6)
 
 
 @pytest.mark.parametrize('increment, direction, flipped', [

@@ -14,7 +14,7 @@ from dbscan_reg_ros.core.features.range_noise import NoiseRatioHistory
 from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
 from dbscan_reg_ros.core.odometry.models.deskew import deskew
-from dbscan_reg_ros.core.odometry.pipeline import search_parameters
+from dbscan_reg_ros.core.odometry.references import search_parameters
 from dbscan_reg_ros.simulation import LIDARS, World, follow, measure, rooms, simulate
 from dbscan_reg_ros.simulation.raycasting import cast
 

@@ -7,8 +7,7 @@ from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.models.motion import MotionConstraints
 from dbscan_reg_ros.core.odometry.models.stamps import ScanInterval
 from dbscan_reg_ros.core.odometry.prediction import predict
-from dbscan_reg_ros.core.odometry.state import Tracking
-from dbscan_reg_ros.core.odometry.update import initial_state
+from dbscan_reg_ros.core.odometry.state import Tracking, TrackState
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Prior
 
@@ -21,7 +20,7 @@ WHEELS = Prior(SE2(0.06, 0.0, 0.01), np.diag((0.02, 0.02, 0.03)) ** 2)
 @pytest.fixture
 def state():
     """After a second at a constant velocity."""
-    state = initial_state(SE2(1.0, 2.0, 0.5), number=0)
+    state = TrackState.initial(SE2(1.0, 2.0, 0.5), number=0)
     for _ in range(10):
         state.motion.elapse(TICK.length)
         state.pose = state.motion.update(state.pose @ STEP, TICK, MotionConstraints(), P)

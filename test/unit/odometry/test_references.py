@@ -17,8 +17,7 @@ from dbscan_reg_ros.core.odometry.references import (
     is_recoverable,
     predicted_along_degenerate,
 )
-from dbscan_reg_ros.core.odometry.state import Tracking
-from dbscan_reg_ros.core.odometry.update import initial_state
+from dbscan_reg_ros.core.odometry.state import Tracking, TrackState
 from dbscan_reg_ros.core.odometry.verdict import Decision, Reason, Verdict
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Registration, Status
@@ -40,7 +39,7 @@ def registered(status=Status.FAILED, score=RECOVERABLE, direction=None, transfor
 
 
 def after(frames, last_scan=None):
-    state = initial_state(frames[-1].pose, number=0)
+    state = TrackState.initial(frames[-1].pose, number=0)
     state.window, state.tracking = KeyFrameWindow(frames), Tracking(last_scans=(last_scan,) if last_scan else ())
     return state
 

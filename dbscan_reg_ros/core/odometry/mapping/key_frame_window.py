@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Key-frame window: the latest key frames, their lookup tables and the local map."""
 import cmath
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -96,6 +96,13 @@ class KeyFrameWindow:
         if sensor not in self.sensors or len(self.sensors) == 1:
             return self
         return KeyFrameWindow([frame for frame in self.frames if frame.sensor.name != sensor])
+
+    def with_features(self, found: Mapping[int, tuple[Features, SE2]], sensor: str) -> 'KeyFrameWindow':
+        """Return a window whose key frames of a `sensor` have the features and poses `found`, by number; else none."""
+        frames = [frame if frame.sensor.name != sensor else replace(
+            frame, features=found[frame.number][0], pose=found[frame.number][1])
+            for frame in self.frames if frame.sensor.name != sensor or frame.number in found]
+        return KeyFrameWindow(frames)
 
     def with_frame(self, frame: KeyFrame, size: int, latest: bool = True) -> 'KeyFrameWindow':
         """Return a window with one more key frame: the `latest` of its sensor, or inserted before the latest.
