@@ -77,8 +77,8 @@ class NodeCore:
         self._trigger = OdometryTrigger(len(lidars), parameters.odom_on == 'all')
         self._outputs = Outputs(node, parameters)
         self._services = Services(node, parameters, self._log, self._reset)
-        self._diagnostics = Diagnostics(node, self._lidars, self._log, self._sender, self._outputs.odom,
-                                        lambda: self._services.paused)
+        self._diagnostics = Diagnostics(node, self._lidars, self._priors, self._log, self._sender,
+                                        self._outputs.odom, lambda: self._services.paused)
         self._jumps = node.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True),
             post_callback=self._on_time_jump)

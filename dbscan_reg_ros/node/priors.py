@@ -58,8 +58,9 @@ class Priors:
     def __init__(self, node: Node, parameters: NodeParameters, transforms: TransformListener | None, log: ThrottledLog,
                  on_data: Callable[[], None]) -> None:
         self.parameters = parameters
-        self._log = log
+        self._node, self._log = node, log
         self._source: _Source | None = None
+        self._missing = False
         self._last: tuple[int, Mounting] | None = None
         name = parameters.prior.source
         if name == 'odometry':
@@ -74,7 +75,7 @@ class Priors:
 
     def restart(self) -> None:
         """Clear the last scan and the data of the source: the odometry was reset."""
-        self._last = None
+        self._last, self._missing = None, False
         if self._source:
             self._source.restart()
 
@@ -110,12 +111,23 @@ class Priors:
         last_stamp, last_mounting = self._last
         interval = _Interval(frame, last_stamp, stamp, last_mounting, mounting)
         base = self._source.prior(interval, predict, self.parameters.prior)
+        self._missing = base is None
         if base is None:
-            self._log.warn(f'prior.source is {self.parameters.prior.source!r}, but {self._source.name} has no data at '
-                           'the time of the scan; using the constant-velocity prediction. If the data come later than '
-                           'the scan, raise input.max_wait above their period')
+            self._log.warn(self.fault)
             return None
         return sensor_prior(base, last_mounting, mounting)
+
+    @property
+    def fault(self) -> str:
+        """Why the source had no data for the last scan; empty if it had."""
+        if self._source is None or not self._missing:
+            return ''
+        begin, name = f'prior.source is {self.parameters.prior.source!r}, but ', self._source.name
+        if name.startswith('/') and not self._node.count_publishers(name):
+            return (f'{begin}no node publishes on {name}; the odometry continues without it. Start its driver, or '
+                    'remap the topic to that of your robot (-r)')
+        return (f'{begin}{name} has no data at the time of the scan; using the constant-velocity prediction. If the '
+                'data come later than the scan, raise input.max_wait above their period')
 
     def processed(self, stamp: int, mounting: Mounting) -> None:
         """Store mounting and stamp [ns] of a processed scan: the next prior is the motion since this scan."""

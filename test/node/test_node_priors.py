@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 import rclpy  # noqa: F401 - needs ROS
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 from ros_helpers import TIMEOUT, Loudspeaker, distances, mounted, of_base, said, transform
 from sensor_msgs.msg import Imu
@@ -169,7 +169,7 @@ def test_wheels_that_say_no_pose_are_named_and_not_believed(start_with, player, 
     wheels = Loudspeaker(peer, Odometry, 'wheel_odom')
     bad = wheel(scans[0].stamp, SE2())
     bad.pose.pose.orientation.w = 0.0
-    wheels.until(lambda: '/wheel_odom: position' in node.output(), bad)
+    wheels.until(lambda: '/wheel_odom: the quaternion' in node.output(), bad)
     assert player.play(scans[:5]).lost == 0
 
 
@@ -246,3 +246,13 @@ def test_a_prior_from_our_own_frame_is_refused(start_with):
     node = start_with('tf', '-p', 'prior.frame:=odom')
     assert node.wait(TIMEOUT) == 2
     assert "prior.frame = 'odom': expected an odometry frame of another node" in node.output()
+
+
+def test_wheels_that_nobody_publishes_are_a_warning_in_the_diagnostics(start_with, player, peer, scans):
+    start_with('odometry', *PLACE)
+    player.wait_for_node(TIMEOUT)
+    received = peer.listen(DiagnosticArray, '/diagnostics')
+    assert player.play(scans[:20]).lost == 0
+    level = peer.until(lambda: next((status.level for report in received for status in report.status
+                                     if 'no node publishes on /wheel_odom' in status.message), None))
+    assert level == DiagnosticStatus.WARN

@@ -271,13 +271,12 @@ class Odometry:
 
     def _search(self, features: Features, gate: Gate) -> tuple[Gate, Outcome]:
         """Register the scan to the local map and, if needed, to other references; where wheels slip, without them."""
-        def search(gate: Gate) -> Outcome:
-            return ReferenceSearch(features, self._state, gate, self._parameters, self._search_parameters).run()
-        alone = gate.without_wheels()
-        outcome = alone and search(alone)
-        gate, outcome = (alone, outcome) if alone and outcome and outcome.is_certain else (gate, search(gate))
+        for used in filter(None, (gate.without_wheels(), gate)):
+            outcome = ReferenceSearch(features, self._state, used, self._parameters, self._search_parameters).run()
+            if outcome.is_certain:
+                break
         update.remember_search(self._state, outcome, gate.sensor)
-        return gate, outcome
+        return used, outcome
 
     def _starts_in_motion(self, outcome: Outcome, gate: Gate) -> bool:
         """Whether the second scan of a track proves that the sensor moved during the first."""

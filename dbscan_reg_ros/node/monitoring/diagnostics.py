@@ -18,6 +18,7 @@ from ..interfaces.endpoints import publisher
 from ..interfaces.graph_checks import UNNAMED, incompatibilities, named, shared
 from ..interfaces.lidar import Lidar
 from ..interfaces.scan_input import ScanInbox
+from ..priors import Priors
 from ..throttled_log import ThrottledLog
 from .disagreements import Disagreements
 from .own_bodies import OwnBodies
@@ -43,6 +44,8 @@ class Diagnostics:
         The node that publishes.
     lidars : list of Lidar
         Lidars with the counters of their scans.
+    priors : Priors
+        The external priors.
     log : ThrottledLog
         Log for faults of the ROS graph.
     sender : TransformSender
@@ -53,9 +56,9 @@ class Diagnostics:
         Whether the odometry is paused.
     """
 
-    def __init__(self, node: Node, lidars: Sequence[Lidar], log: ThrottledLog, sender: TransformSender, odom: Publisher,
-                 is_paused: Callable[[], bool]) -> None:
-        self._node = node
+    def __init__(self, node: Node, lidars: Sequence[Lidar], priors: Priors, log: ThrottledLog,  # noqa: PLR0913
+                 sender: TransformSender, odom: Publisher, is_paused: Callable[[], bool]) -> None:
+        self._node, self._priors = node, priors
         self._lidars = lidars
         self._log = log
         self._sender = sender
@@ -211,7 +214,7 @@ class Diagnostics:
         faults = [text for subscription in self._node.subscriptions
                   for text in incompatibilities(self._node, subscription)]
         if self._inboxes:
-            faults += filter(None, [shared(self._node, self._odom)])
+            faults += filter(None, [shared(self._node, self._odom), self._priors.fault])
         faults += {text for inbox in self._inboxes if (text := inbox.competition.found(changes=2))}
         faults += [f'{self._no_scans(lidar.inbox)}; the odometry continues with the other lidars'
                    for lidar in silent if lidar.inbox]
