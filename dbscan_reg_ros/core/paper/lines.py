@@ -7,7 +7,7 @@ import numpy as np
 from ..features.records import EndKind, Segments
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import as_vectors, unit_complex, wrap
-from ..geometry.tolerance import SAME, TINY
+from ..geometry.tolerance import SAME, TINY, first_largest, order_up_to_rounding
 
 _BREAK_FACTOR = 8.0
 """Open: k of Eq. 5."""
@@ -63,7 +63,7 @@ def extract_segments(points: ComplexArray, beams: IntArray, breaks: BoolArray, n
     length = np.abs(end - start)
     kept = np.flatnonzero((last - first + 1 >= _MIN_POINTS) & (length >= _MIN_LENGTH)
                           & (fitted.residual < (_MAX_BEND * length) ** 2))
-    kept = np.sort(kept[np.argsort(-length[kept], kind='stable')[:_MAX_SEGMENTS]])
+    kept = np.sort(kept[order_up_to_rounding(-length[kept])[:_MAX_SEGMENTS]])
     first, last = first[kept], last[kept]
     along, start, end = along[kept], start[kept], end[kept]
     kinds = np.full((len(kept), 2), int(EndKind.OCCLUSION))
@@ -108,7 +108,7 @@ def cut_at_corners(points: ComplexArray, breaks: BoolArray, noise: FloatArray) -
     error = fit_sections(Moments.of(points), first, last).residual * (last - first + 1)
     mean_noise = 0.5 * (noise[first] + noise[last])
     cost = np.bincount(row, error / mean_noise ** 2) + _CORNER_PENALTY * np.bincount(row)
-    best = row == np.argmin(cost)
+    best = row == first_largest(-cost)
     return first[best], last[best]
 
 
@@ -134,7 +134,7 @@ def rank_corners(difference: FloatArray) -> IntArray:
     rank = np.full(len(difference), len(difference))
     middle = difference[1:-1]
     maxima = np.flatnonzero((middle > difference[:-2]) & (middle > difference[2:])) + 1
-    rank[maxima[np.argsort(-difference[maxima], kind='stable')]] = np.arange(len(maxima))
+    rank[maxima[order_up_to_rounding(-difference[maxima])]] = np.arange(len(maxima))
     return rank
 
 

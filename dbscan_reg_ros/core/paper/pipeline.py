@@ -11,7 +11,7 @@ from ..features.records import Segments
 from ..features.returns import admitted_returns
 from ..geometry.array_types import BoolArray, FloatArray, IntArray
 from ..geometry.se2 import DOF, SE2, as_complex
-from ..geometry.tolerance import RESOLUTION
+from ..geometry.tolerance import RESOLUTION, order_up_to_rounding
 from ..parameters.features import ScanParameters
 from ..registration.records import Hypothesis, Registration, Status
 from ..registration.rotation import Rotations, wrap_period
@@ -120,7 +120,7 @@ def select(reference: ScanLines, current: ScanLines, rotations: Rotations, trans
         return failed('no two pairs of lines cross')
     candidates = np.column_stack((translations.samples[key], np.full(len(key), rotations.phi[0])))
     divergence = divergences(candidates, reference.points, current.points)
-    order = np.argsort(divergence, kind='stable')
+    order = order_up_to_rounding(divergence)
     leaders = order[np.sort(np.unique(labels[key[order]], return_index=True)[1])]
     hypotheses = tuple(Hypothesis(SE2.from_array(candidates[i]), math.exp(-divergence[i])) for i in leaders)
     transform = hypotheses[0].transform

@@ -7,6 +7,7 @@ import numpy as np
 from ..features.records import Segments
 from ..geometry.array_types import ComplexArray, FloatArray
 from ..geometry.se2 import SE2, as_vectors
+from ..geometry.tolerance import TINY
 from ..registration.translation import Translations
 
 _PARALLEL = 0.1
@@ -51,7 +52,7 @@ def line_equations(reference: Segments, current: Segments, phi: float) -> tuple[
     difference = reference.direction[:, None] - (current.direction + phi)
     difference = (difference + 0.5 * math.pi) % math.pi - 0.5 * math.pi
     size = np.sort(np.abs(difference), axis=None)
-    eps1 = min(_PARALLEL, size[len(current)]) if len(size) > len(current) else _PARALLEL
+    eps1 = min(_PARALLEL, size[len(current)] - TINY) if len(size) > len(current) else _PARALLEL
     r, o = np.nonzero(np.abs(difference) < eps1)
     angle = reference.direction[r] - 0.5 * difference[r, o]
     apart = reference.midpoint[r] - SE2(0.0, 0.0, phi).apply(current.midpoint)[o]

@@ -157,8 +157,8 @@ def test_scans_that_were_registered_can_be_copied(compiled, rng):
 
 def test_settings_without_compiled_steps_are_named():
     assert reference_settings(P) == []
-    names = reference_settings(P.replace({'rotation.min_samples': 2, 'advanced.translation.form': 'squared'}))
-    assert names == ['rotation.min_samples', 'advanced.translation.form']
+    names = reference_settings(P.replace({'rotation.min_samples': 2, 'translation.min_samples': 2}))
+    assert names == ['rotation.min_samples', 'translation.min_samples']
 
 
 def test_evidence(compiled, rng):
