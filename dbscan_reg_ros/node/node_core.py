@@ -85,7 +85,7 @@ class NodeCore:
         node.create_timer(PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._initial = InitialPose()
         self._origin: SE2 | None = None
-        self._last: tuple[ScanMessage, BaseState] | None = None
+        self._last: tuple[Lidar, ScanMessage, BaseState] | None = None
         self._reconfigure(parameters)
         live.changed = self._reconfigure
 
@@ -144,11 +144,11 @@ class NodeCore:
         if parameters.mounting != 'tf' or len(lidar.frames) >= MOST_FRAMES:
             return lidar
         lidar.distinguish(True, next(iter(lidar.frames)))
-        if len(self._lidars) == 1:
-            self._follow_base(lidar)
         mountings = Mountings(value.base_frame, parameters, self._listener)
         further = lidar.frames[frame] = Lidar(lidar.topic, True, self._node, mountings, len(self._lidars), lidar)
         self._lidars.append(further)
+        if further.rank == 1:
+            self._restart_at_last_scan()
         self._trigger.add_lidar()
         self._outputs.lidars = len(self._lidars)
         further.reconfigure(value)
@@ -158,18 +158,19 @@ class NodeCore:
                                      f'({", ".join(lidar.frames)})')
         return further
 
-    def _follow_base(self, lidar: Lidar) -> None:
-        """Track the base instead of the only `lidar`: start again at its last scan and at the last pose of the base."""
+    def _restart_at_last_scan(self) -> None:
+        """Start again at the last scan and the last pose of the base, with other lidars or mountings."""
         if self._last is None:
             return
-        message, state = self._last
+        lidar, message, state, mounting = *self._last, Mounting()
         self._odometry.reset()
+        self._odometry.comparisons.lidars.clear()
         self._initial, self._origin = InitialPose(state.pose, state.covariance), None
         # Without its transform, which may have gone, the next scan starts at that pose.
         with suppress(DbscanRegError):
-            scan, mounting = lidar.reader.read(message, lidar.mountings, lidar.input)
+            scan, mounting, _ = lidar.read(message)
             self._odometry.process(scan, None, lidar.sensor(mounting))
-        self._priors.processed(state.stamp, Mounting())
+        self._priors.processed(state.stamp, mounting if len(self._lidars) == 1 else Mounting())
 
     def _on_scan(self, lidar: Lidar, message: ScanMessage) -> None:
         if self._services.paused:
@@ -189,7 +190,9 @@ class NodeCore:
     def _process(self, lidar: Lidar, message: ScanMessage) -> None:
         began = time.perf_counter()
         try:
-            scan, mounting = lidar.reader.read(message, lidar.mountings, lidar.input)
+            scan, mounting, sent_again = lidar.read(message)
+            if sent_again:
+                self._restart_at_last_scan()
             if lidar.stamps.has_restarted(scan.stamp, self._live.value.time.max_jump):
                 self._on_stamps_restart(lidar)
             followed = mounting if len(self._lidars) == 1 else Mounting()
@@ -215,7 +218,7 @@ class NodeCore:
             self._outputs.publish(update, state, self._origin)
         else:
             self._outputs.keep(update)
-        self._last = message, state
+        self._last = lidar, message, state
         lidar.counters.compared = self._odometry.comparisons.lidars.get(lidar.sensor_name)
         lidar.counters.mounting = mounting
         lidar.counters.body.add(scan, update.pose @ update.sensor.pose)
@@ -224,8 +227,7 @@ class NodeCore:
     def _on_stamps_restart(self, lidar: Lidar) -> None:
         """Reset the odometry; if scans of an earlier lidar are received, only the driver of this one has restarted."""
         if self._trigger.leads(lidar.rank):
-            self._reset(f'{lidar.label}the stamps of the scans start again{"; " * bool(lidar.competition)}'
-                        f'{lidar.competition}', InitialPose())
+            self._reset(f'{lidar.label}{lidar.competition or "the stamps of the scans start again"}', InitialPose())
         else:
             lidar.stamps.restart()
 

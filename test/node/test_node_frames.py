@@ -17,6 +17,7 @@ from ros_helpers import (
     diagnosis,
     distances,
     needs_tf2_msgs,
+    of_base,
     played,
     pose_of,
     restamped,
@@ -115,6 +116,25 @@ def test_a_laser_that_moves_on_the_base_gives_the_pose_of_the_base(start_command
     answers = player.play(scans[1:40])
     assert answers.lost == 0
     assert distances(answers.messages, [SE2()] * 39).max() < 0.05
+
+
+def test_a_mounting_that_is_sent_again_keeps_the_pose_and_is_named(start_command, player, peer, scans, truth, tf_type):
+    node = start_command('scan_matcher')
+    player.wait_for_node(TIMEOUT)
+    static = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
+    old, new = SE2(0.3), SE2(0.2, 0.1, 0.8)
+    static.publish(tf_type(transforms=[transform('base_link', 'laser', old)]))
+    peer.until(lambda: not player.play(scans[:1], patience=0.2).lost)
+    first = player.play(scans[1:20])
+    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(transforms=[transform('base_link', 'laser', new)]))
+    second = player.play(scans[20:40])
+    assert first.lost == second.lost == 0
+    before = of_base(truth[:20], old)
+    after = [before[-1] @ new @ truth[19].inverse() @ pose @ new.inverse() for pose in truth[20:40]]
+    assert distances(first.messages + second.messages, before[1:] + after).max() < 0.1
+    said(node, "the transform from 'base_link' to 'laser' was sent again with other values: x 0.300 m, y 0.000 m, "
+         'yaw 0.0 deg became x 0.200 m, y 0.100 m, yaw 45.8 deg', peer)
+    assert 'max_' not in node.output() and 'could not be registered' not in node.output()
 
 
 def test_two_lasers_on_one_topic_are_named(node, player, peer, scans):

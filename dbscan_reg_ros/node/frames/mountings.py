@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mounting of the lidar at the time of each scan."""
+import math
 from typing import Protocol
 
 import numpy as np
@@ -20,6 +21,10 @@ class Transforms(Protocol):
         """Look up the transform from `source` to `target` at `stamp` [ns], as `TransformStore.lookup`."""
 
 
+SAME = 1e-3
+"""Mountings whose matrices differ by less than this [m, rad] are the same."""
+
+
 class Mountings:
     """Finds the `Mounting` of each scan of one lidar, from the parameters or from transforms.
 
@@ -31,6 +36,11 @@ class Mountings:
     transforms : Transforms or None
         Received transforms; None if tf2_msgs is not installed.
 
+    Attributes
+    ----------
+    change : str
+        Warning that the mounting of the latest scan was sent again since the scan before; else empty.
+
     Raises
     ------
     ParameterError
@@ -41,6 +51,8 @@ class Mountings:
         self._base_frame = base_frame
         self._transforms = transforms
         self._last_stamp: int | None = None
+        self._last: tuple[str, NDArray[np.float64]] | None = None
+        self.change = ''
         self._fixed = mounting_from_parameters(lidar)
         if self._fixed is None and transforms is None:
             raise ParameterError("mounting = 'tf': needs tf2_msgs, which is not installed; install it, or choose "
@@ -92,8 +104,26 @@ class Mountings:
                 f'no transform from {self._base_frame!r} to {frame!r} on /tf or /tf_static: no odometry before it is '
                 f"received; {error}; publish it, or set mounting to 'laser_pose' (with laser_pose) or to 'none'"
             ) from None
-        self._last_stamp = stamp
+        self.change = self._change(frame, matrix)
+        self._last_stamp, self._last = stamp, (frame, matrix) if known else None
         if not known:
             log.warn(f'the transform from {self._base_frame!r} to {frame!r} is not known at the time of the '
                      'scan; using the transform of another time')
         return matrix
+
+    def _change(self, frame: str, matrix: NDArray[np.float64]) -> str:
+        """Return `change`: a mounting that was sent again, unlike one that moves, differs at the last scan, too."""
+        if self._last is None or self._last[0] != frame or np.allclose(matrix, self._last[1], 0.0, SAME):
+            return ''
+        assert self._transforms and self._last_stamp is not None
+        now, known = self._transforms.lookup(self._base_frame, frame, self._last_stamp)
+        if not known or np.allclose(now, self._last[1], 0.0, SAME):
+            return ''
+        return (f'the transform from {self._base_frame!r} to {frame!r} was sent again with other values: '
+                f'{_described(self._last[1])} became {_described(matrix)}; the odometry starts again at the last pose. '
+                'If the lidar was not moved, look for a second sender of the transform')
+
+
+def _described(matrix: NDArray[np.float64]) -> str:
+    yaw = math.degrees(math.atan2(matrix[1, 0], matrix[0, 0]))
+    return f'x {matrix[0, 3]:.3f} m, y {matrix[1, 3]:.3f} m, yaw {yaw:.1f} deg'

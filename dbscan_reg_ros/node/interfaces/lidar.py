@@ -10,6 +10,8 @@ from ...core.geometry.mounting import Mounting
 from ...core.geometry.se2 import SE2
 from ...core.odometry.sensor import FIRST, Sensor
 from ...core.parameters.features import ScanParameters
+from ...core.scan import Scan
+from ...recordings.checks.scan_warnings import Kind, ScanWarning
 from ...robot.parameter_groups import LASER_SCAN, InputParameters
 from ...robot.parameters import NodeParameters
 from ...robot.recent_stamps import RecentStamps
@@ -186,6 +188,15 @@ class Lidar:
         if shared:
             self.subscribe(self._callbacks)
         return True
+
+    def read(self, message: ScanMessage) -> tuple[Scan, Mounting, bool]:
+        """Convert a message as `ScanReader.read`; return also whether its mounting was sent again with other values."""
+        scan, mounting = self.reader.read(message, self.mountings, self.input)
+        change = self.mountings.change
+        if change:
+            self.log.warn(change)
+            self.counters.add_warnings([ScanWarning(Kind.MOUNTING, change)])
+        return scan, mounting, bool(change)
 
     def sensor(self, mounting: Mounting) -> Sensor:
         """Return the `Sensor` of a scan, which with several lidars contains the pose of the lidar on the base."""

@@ -26,6 +26,8 @@ ScanMessage: TypeAlias = LaserScan | PointCloud2
 class MountingSource(Protocol):
     """Where the mounting of a lidar is found: `Mountings`."""
 
+    change: str
+
     def ready(self, frame: str, stamp: int) -> bool:
         """Whether the mounting of the lidar `frame` at `stamp` [ns] is known, or no scan waits for it any more."""
 

@@ -22,6 +22,7 @@ class Kind(Enum):
     CENTIMETRES = 'centimetres'
     RANGE_MAX = 'range_max'
     RANGE_MIN = 'range_min'
+    MOUNTING = 'mounting'
     NO_RETURN = 'no_return'
     OPTICAL_FRAME = 'optical_frame'
 
