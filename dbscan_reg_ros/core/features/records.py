@@ -178,6 +178,12 @@ class Features:
         return self.backend.step(leverage)(self.sampled_points, self.density.leverage_ridge)
 
     @cached_property
+    def isolated(self) -> float:
+        """Fraction of the points that lie on no surface with either neighbour, such as random ranges."""
+        edge = np.concatenate(([True], self.breaks, [True]))
+        return float(np.mean(edge[1:] & edge[:-1]))
+
+    @cached_property
     def likelihood_field(self) -> LikelihoodField:
         """Likelihood field with which other scans are compared when this scan is the reference."""
         oriented = self.oriented_points

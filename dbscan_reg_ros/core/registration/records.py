@@ -96,6 +96,8 @@ class Evidence(NamedTuple):
         Length of the translation.
     weak : float
         Effective number of points that constrain the translation in its least constrained direction.
+    chance : float
+        Fraction of points in free space to be expected by chance, 0..1: the square of the fraction of isolated points.
     """
 
     conflicts_current: float
@@ -107,6 +109,7 @@ class Evidence(NamedTuple):
     residual: float
     distance: float
     weak: float
+    chance: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from benchmarks.registration import confidence as benchmark
 from benchmarks.registration import overlap
 from rooms import FULL, HALF, L_ROOM, look, outline
 
-from dbscan_reg_ros import SE2, Parameters, Prior, Status, register
+from dbscan_reg_ros import SE2, Parameters, Prior, Scan, Status, register
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.registration.confidence.evidence import compare_ends, seen
 from dbscan_reg_ros.core.registration.confidence.model import confidence, log_odds, probability
@@ -104,6 +104,21 @@ def test_conflicts_with_free_space_lower_the_log_odds(side):
     evidence = register(features(START), features(END, seed=1)).evidence
     values = [log_odds(evidence._replace(**{side: each})) for each in (0.0, 0.1, 0.3)]
     assert values == sorted(values, reverse=True)
+
+
+def test_random_ranges_make_conflicts_weak_evidence():
+    """The fraction of isolated points, squared, is that of the conflicts to be expected by chance."""
+    reference, ranges = features(START), look(ROOM, END, FULL, 0.01, 1).ranges.copy()
+    assert register(reference, features(END, seed=1)).evidence.chance < 1e-3
+    rng = np.random.default_rng(0)
+    beams = rng.permutation(len(ranges))[:len(ranges) * 3 // 10]
+    ranges[beams] = rng.uniform(0.2, 10.0, len(beams))
+    found = register(reference, extract_features(Scan(0, ranges, FULL)))
+    assert 0.005 < found.evidence.chance < 0.1
+    assert found.status is Status.OK
+    drop = [log_odds(each._replace(conflicts_reference=0.02)) - log_odds(each._replace(conflicts_reference=0.0))
+            for each in (found.evidence, found.evidence._replace(chance=0.0))]
+    assert drop[1] < 1.5 * drop[0] < 0.0
 
 
 def test_more_of_a_structure_raises_the_log_odds():

@@ -91,6 +91,7 @@ def collect_evidence(const double[:, :] candidates, fits, weak, reference, curre
     cdef Py_ssize_t size = error.shape[1], count = own.shape[0], h, k, on_outline, matched, unmatched
     cdef const double[::1] weights = given_or_ones(current.sampled_points.weights, size)
     cdef double tolerance = parameters.density.violation_tolerance, scale = parameters.refinement.score_scale
+    cdef double chance = evidence_steps.chance_conflicts(reference, current)
     cdef double factor = -0.5 / (scale * scale), same_place = SAME_PLACE, crossing
     cdef double weight, conflict, of_current, of_reference, squares, total, c, s, x, y, apart
     cdef double complex[::1] moved = np.empty(ends_o.shape[0], complex)
@@ -132,7 +133,7 @@ def collect_evidence(const double[:, :] candidates, fits, weak, reference, curre
         found.append(Evidence(
             of_current / max(size, 1), of_reference / max(count, 1), on_outline, matched, unmatched,
             crossing, sqrt(squares / max(total, TINY)),
-            length_of(candidates[h, 0], candidates[h, 1]), weak[h]))
+            length_of(candidates[h, 0], candidates[h, 1]), weak[h], chance))
     return found
 
 
@@ -145,10 +146,11 @@ def log_odds(evidence, prior=None, candidate=None):
 
     With a `prior` its gain for the `candidate` ``(3,)`` is added.
     """
-    cdef double current, reference, outline, matched, unmatched, crossing, residual, distance, weak, odds
-    current, reference, outline, matched, unmatched, crossing, residual, distance, weak = evidence
+    cdef double current, reference, outline, matched, unmatched, crossing, residual, distance, weak, chance, odds
+    current, reference, outline, matched, unmatched, crossing, residual, distance, weak, chance = evidence
     weak = max(weak, 0.0)
-    odds = COEFFICIENTS[0] * (sqrt(current) + sqrt(reference)) + COEFFICIENTS[1] * log1p(outline)
+    odds = COEFFICIENTS[0] * (sqrt(current + chance) - sqrt(chance) + (sqrt(reference + chance) - sqrt(chance)))
+    odds += COEFFICIENTS[1] * log1p(outline)
     odds += COEFFICIENTS[2] * log1p(matched)
     odds += COEFFICIENTS[3] * log1p(unmatched)
     odds += COEFFICIENTS[4] * log(SAME + max(crossing, 0.0))

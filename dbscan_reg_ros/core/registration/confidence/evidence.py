@@ -32,7 +32,7 @@ def collect_evidence(candidates: FloatArray, fits: Fit, weak: Sequence[float], r
     """
     points, seen_by = current.sampled_points, reference.free_space
     tolerance, weights = parameters.density.violation_tolerance, fits.weight(parameters.refinement.score_scale)
-    found = []
+    chance, found = chance_conflicts(reference, current), []
     for candidate, places, weight, error, information in zip(candidates, fits.places, weights, fits.error, weak,
                                                              strict=True):
         x, y, theta = candidate.tolist()
@@ -46,8 +46,17 @@ def collect_evidence(candidates: FloatArray, fits: Fit, weak: Sequence[float], r
             on_outline=int(np.count_nonzero(of_reference.on_outline)), matched_ends=matched, unmatched_ends=unmatched,
             crossing=crossing_length(reference.segments, current.segments, candidate),
             residual=math.sqrt(mean_square(error, points.weighted(weight))), distance=abs(translation),
-            weak=information))
+            weak=information, chance=chance))
     return found
+
+
+def chance_conflicts(reference: Features, current: Features) -> float:
+    """Return the fraction of points, 0..1, that lie in free space of the other scan though the motion is right.
+
+    Random ranges are isolated. A place seems free where both beams that pass it are random, so that the fraction is the
+    square of the fraction of isolated points.
+    """
+    return min(reference.isolated + current.isolated, 1.0) ** 2
 
 
 class Seen(NamedTuple):

@@ -12,8 +12,14 @@ from ...geometry.symmetric_matrix import determinant, mahalanobis
 from ...geometry.tolerance import SAME
 from ..records import Evidence, Prior
 
+
+def excess(conflicts: float, chance: float) -> float:
+    """Return how much the square root of a fraction of `conflicts` exceeds what `chance` explains."""
+    return math.sqrt(conflicts + chance) - math.sqrt(chance)
+
+
 TERMS: dict[str, Callable[[Evidence], float]] = {
-    'conflicts': lambda e: math.sqrt(e.conflicts_current) + math.sqrt(e.conflicts_reference),
+    'conflicts': lambda e: excess(e.conflicts_current, e.chance) + excess(e.conflicts_reference, e.chance),
     'on outline': lambda e: math.log1p(e.on_outline),
     'matched ends': lambda e: math.log1p(e.matched_ends),
     'unmatched ends': lambda e: math.log1p(e.unmatched_ends),
