@@ -59,7 +59,7 @@ def test_ring_band_filter(both, rng, size):
         both(ring_band_filter, points, noise, dataclasses.replace(P.filter, gross_error=gross))
         points[::2] = np.nan
         both(ring_band_filter, points, noise, dataclasses.replace(P.filter, gross_error=gross))
-    for test in ('anchor', 'off'):
+    for test in ('consensus', 'off'):
         both(ring_band_filter, points, 0.01, dataclasses.replace(P.filter, test=test))
 
 
@@ -72,7 +72,7 @@ def test_surfaces_and_segments(both, rng, size, increment):
     both(estimate_normals, sequence, noise, P.segments)
     if not len(points):
         return  # a scan without a return has no features
-    for changes in ({}, {'max_segments': 3}, {'sections': 5}, {'corners': 'slope'}, {'split_levels': 1}):
+    for changes in ({}, {'max_segments': 3}, {'split_levels': 1}):
         both(extract_segments, sequence, noise, dataclasses.replace(P.segments, **changes))
 
 

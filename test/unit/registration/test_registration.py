@@ -231,12 +231,6 @@ def test_a_point_without_a_correspondence_scores_nothing(facing):
     assert found[1].status is not Status.OK
 
 
-def test_where_all_points_are_left_out_nothing_overlaps_whatever_selects():
-    p = Parameters().replace({'advanced.selection.method': 'divergence'})
-    features = extract_features(look(outline(L_ROOM), SE2(), FULL, 0.01, 1), p)
-    assert register(features, features.without(np.ones(len(features.oriented_points), dtype=bool)), p).overlap == 0.0
-
-
 def test_a_scan_without_returns_is_refused():
     with pytest.raises(ScanError, match='0 of 360 beams have a return'):
         extract_features(Scan(0, np.full(360, np.inf), FULL), Parameters())
