@@ -178,14 +178,9 @@ class NodeCore:
         lidar.counters.add_warnings(lidar.reader.check(message, bool(lidar.competition)))
         due, wrong = lidar.stamps.update(message, self._live.value.time.max_jump)
         if wrong:
-            self._skip(lidar, lidar.competition or 'its stamp lies far before those of the scans around it')
+            lidar.skip(lidar.competition or 'its stamp lies far before those of the scans around it')
         for scan in due:
             self._process(lidar, scan)
-
-    @staticmethod
-    def _skip(lidar: Lidar, reason: str) -> None:
-        lidar.log.warn(f'scan skipped: {reason}')
-        lidar.counters.skip(reason)
 
     def _process(self, lidar: Lidar, message: ScanMessage) -> None:
         began = time.perf_counter()
@@ -200,7 +195,7 @@ class NodeCore:
             prior = self._priors.find(frame, scan.stamp, followed, self._odometry.predict_motion)
             update = self._odometry.process(scan, prior, lidar.sensor(mounting))
         except DbscanRegError as error:
-            self._skip(lidar, str(error))
+            lidar.skip(str(error))
             return
         if self._origin is None:
             self._origin = self._initial.pose @ followed.aligned_pose

@@ -198,6 +198,11 @@ class Lidar:
             self.counters.add_warnings([ScanWarning(Kind.MOUNTING, change)])
         return scan, mounting, bool(change)
 
+    def skip(self, reason: str) -> None:
+        """Count and log a scan that is not processed."""
+        self.log.warn(f'scan skipped: {reason}')
+        self.counters.skip(reason)
+
     def sensor(self, mounting: Mounting) -> Sensor:
         """Return the `Sensor` of a scan, which with several lidars contains the pose of the lidar on the base."""
         return Sensor(self.sensor_name, mounting.aligned_pose, self.rank, self._limits) if self._several else FIRST
