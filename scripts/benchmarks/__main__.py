@@ -70,7 +70,7 @@ COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 
            'trees', 'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'scanner_front',
            'scanner_rear', 'scanners', 'scanners_merged', 'dropped', 'noise', 'person',
            'covered', 'spin', 'sparse', 'narrow', 'passers', 'spinup', 'curved', 'stops', 'pillar', 'doors',
-           'companions')
+           'companions', 'ahead')
 
 
 def main(argv=None) -> int:

@@ -52,12 +52,13 @@ BOUNDS = {
     'featureless': {'named': at_least(0.95), 'across_m': at_most(0.02), 'within': WITHIN},
 }
 BOUNDS['noise']['disturbed_ok'] = at_most(0.0)
+BOUNDS['ahead'] = {'driven_off_m': at_most(0.3)}
 
 SHOWN = (
     'relations_neighbour_mean_m', 'relations_neighbour_mean_deg', 'relations_all_mean_m', 'relations_all_std_m',
     'relations_all_mean_deg', 'rpe_1m_mean_m', 'rpe_1m_median_m', 'rpe_5m_mean_m', 'rpe_5m_median_m',
-    'rpe_5m_mean_deg', 'step_p95_m', 'ate_m', 'frozen', 'drift_m', 'drift_deg', 'named', 'across_m', 'ok',
-    'disturbed_ok', 'within', 'ms_p50', 'ms_p99', 'ms_growth')
+    'rpe_5m_mean_deg', 'step_p95_m', 'ate_m', 'frozen', 'driven_off_m', 'drift_m', 'drift_deg', 'named', 'across_m',
+    'ok', 'disturbed_ok', 'within', 'ms_p50', 'ms_p99', 'ms_growth')
 """What the tables hold; the JSON file has every measure."""
 
 
@@ -130,17 +131,18 @@ def follow(track, course, title, prior='none') -> Drive:
 def judge(drive) -> dict:
     """Metric -> number: those of `recordings.metrics.evaluate`, times, and the fraction of scans called OK.
 
-    Of a stationary sensor ``drift_m`` and ``drift_deg``, the farthest that it strays. Where one direction is
-    unobservable, ``named``: the fraction of scans that name it within 10 deg, and ``across_m``: the largest error
-    across it over 1 m. Of scans that only disturb ``disturbed_ok``: the fraction called OK. Of methods with covariances
-    ``within``: the fraction of the scans whose pose is off, along x and y and in heading, by less than three of the
-    published standard deviations.
+    ``driven_off_m``: the error of the length of the path. Of a stationary sensor ``drift_m`` and ``drift_deg``, the
+    farthest that it strays. Where one direction is unobservable, ``named``: the fraction of scans that name it within
+    10 deg, and ``across_m``: the largest error across it over 1 m. Of scans that only disturb ``disturbed_ok``: the
+    fraction called OK. Of methods with covariances ``within``: the fraction of the scans whose pose is off, along x
+    and y and in heading, by less than three of the published standard deviations.
     """
     course, judged, poses = drive.course, drive.course.judged, drive.poses
     reference = course.reference[judged]
     metrics = evaluate(poses[judged], course.stamps[judged], course.relations, reference)
     ok = np.array([step.status is Status.OK for step in drive.steps])
     metrics['ok'] = float(ok[judged].mean())
+    metrics['driven_off_m'] = abs(float(path_lengths(poses[judged])[-1] - path_lengths(reference)[-1]))
     if not judged.all():
         metrics['disturbed_ok'] = float(ok[~judged].mean())
     if path_lengths(reference)[-1] == 0.0:
@@ -238,7 +240,7 @@ def _no_worse(laser_only):
 
 
 def mean_of(rows):
-    """Means of what all courses have; of several smooth corridors the worst."""
+    """Means of what all courses have; of lengths of paths and smooth corridors the worst."""
     shared = [name for name in rows[0] if all(name in row for row in rows)]
-    worst = {'named': min, 'across_m': max}
+    worst = {'named': min, 'across_m': max, 'driven_off_m': max}
     return {name: float(worst.get(name, np.mean)([row[name] for row in rows])) for name in shared}

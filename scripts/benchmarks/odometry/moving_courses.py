@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Corridors that curve, stops between doors, one pillar, swinging doors, and people who walk along."""
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -109,11 +110,35 @@ def companions(folder=None, seeds=SEEDS) -> list:
     return courses
 
 
+@dataclass(frozen=True, eq=False)
+class Attached:
+    """A piece of an object that moves along with a robot: a circle at `offset` (2,) [m] from its `path`."""
+
+    path: Path
+    offset: np.ndarray
+
+    def circle_at(self, time):
+        """(3,) centre and radius [m] at `time` [s]."""
+        return np.array((*(self.path.poses_at(np.array([time]))[0, :2] + self.offset), 0.03))
+
+
+def ahead(folder=None, seeds=SEEDS[:3], widths=(0.5, 0.8), distances=(1.0, 2.0)) -> list:
+    """Return a corridor with doors and a vehicle ahead of the robot, or one ahead and one behind, at its speed."""
+    courses = []
+    for seed, width, distance, places in itertools.product(seeds, widths, distances, ((1.0,), (1.0, -1.0))):
+        path = follow(np.array([(4.0, 0.0), (25.9, 0.0)]), 1.0)
+        pieces = tuple(Attached(path, np.array((side * distance, y))) for side in places
+                       for y in np.arange(0.03 - 0.5 * width, 0.5 * width, 0.06))
+        world = dataclasses.replace(corridor(seed=seed), people=pieces)
+        courses.append(_driven(world, path, LIDARS['rplidar_a'], seed))
+    return courses
+
+
 def _driven(world, path, lidar, seed):
     result = simulate(world, path, lidar, seed)
     return Course(result.scans, reference=result.truth)
 
 
 COURSES: dict[str, Callable] = {
-    'curved': curved, 'stops': stops, 'pillar': pillar, 'doors': doors, 'companions': companions}
+    'curved': curved, 'stops': stops, 'pillar': pillar, 'doors': doors, 'companions': companions, 'ahead': ahead}
 """Name -> ``courses(folder)``, as `courses.COURSES`."""

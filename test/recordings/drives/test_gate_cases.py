@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dbscan_reg_ros import Odometry, Status, open_recording, register
+from dbscan_reg_ros import Odometry, Parameters, Status, open_recording, read_parameters, register
 from dbscan_reg_ros.core.errors import ScanError
 
 CASES = Path(__file__).resolve().parents[4] / 'shared' / 'cases'
 
 
-def drive(name):
+def drive(name, parameters=Parameters()):
     """The updates of all scans of a case that can be used."""
     path = CASES / name
     if not path.exists():
         pytest.skip(f'{path} is not there')
-    odometry, updates = Odometry(), []
+    odometry, updates = Odometry(parameters), []
     for scan in open_recording(path).scans():
         try:
             updates.append(odometry.process(scan))
@@ -66,3 +66,15 @@ def test_a_scan_that_the_map_does_not_know_is_registered_to_the_scan_before():
         pair = register(last.features.scan, update.features.scan)
         off = pair.transform.inverse() @ (last.pose.inverse() @ update.pose)
         assert math.hypot(off.x, off.y) < 0.06 and abs(off.theta) < math.radians(2.0)
+
+
+def test_a_vehicle_ahead_at_the_same_speed_does_not_stop_the_odometry():
+    """The vehicle hides most of what faces along a corridor with doors; the robot drives 21.9 m."""
+    assert 21.5 < drive('vehicle_ahead')[-1].pose.x < 22.2
+
+
+@pytest.mark.parametrize('parameters', [Parameters(), read_parameters('rplidar_a')], ids=['default', 'rplidar_a'])
+def test_along_a_corridor_between_alcoves_no_pose_jumps(parameters):
+    """Movable objects that suggest a jump of 1 m are not confirmed by the previous scan."""
+    steps = [math.hypot(update.increment.x, update.increment.y) for update in drive('corridor_back', parameters)]
+    assert max(steps) < 0.15

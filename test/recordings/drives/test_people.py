@@ -49,7 +49,7 @@ def test_one_pillar_constrains_the_motion_along_a_wall():
     """It might be a person, but it shows a motion of the sensor; an object that moves along with it shows none."""
     course, = pillar(seeds=(0,))
     found = figures(drive('dbscan', course, 'pillar'))
-    assert found['over_1m_m'] < 0.03 and found['error_m'] < 0.4
+    assert found['over_1m_m'] < 0.03 and found['error_m'] < 0.5
     assert found['silent_count'] == found['stretches_count'] == 0
 
 

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The odometry: tracking, priors, time, faults."""
 import contextlib
+import copy
 import dataclasses
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -227,6 +229,14 @@ def test_an_update_is_the_callers_own():
     odometry = Odometry()
     run(odometry, drive(3))[-1].twist[:] = 99.0
     assert abs(odometry.process(scan_at(drive(4)[-1], 3)).twist).max() < 2.0
+
+
+@pytest.mark.parametrize('copied', [copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))])
+def test_a_copy_goes_on_with_equal_bits(copied):
+    odometry, poses = Odometry(), drive(20)
+    run(odometry, poses[:10])
+    one, other = (run(each, poses[10:], first=10)[-1] for each in (copied(odometry), odometry))
+    assert one.pose == other.pose and np.array_equal(one.covariance, other.covariance)
 
 
 def test_a_bad_scan_changes_nothing():

@@ -21,6 +21,10 @@ cdef class FieldTables:
     def __dealloc__(self):
         free(self.fields)
 
+    def __reduce__(self):
+        """Copies of the window make tables of their own."""
+        return type(None), ()
+
 
 cdef inline Py_ssize_t entry(FieldArrays *field, double x, double y) noexcept nogil:
     """Return the index of the point nearest to (x, y) [m]; the cell is clipped to the grid."""
