@@ -242,16 +242,17 @@ class Gate:
         allowed = self._gate_at_rest if self.predictions.interval.of_others else 0.0
         return math.hypot(change.x, change.y) > max(self._time_since_found, allowed)
 
-    def demoted(self, pose: SE2, registration: Registration, verdict: Verdict, chained: bool) -> Registration:
+    def demoted(self, pose: SE2, registration: Registration, verdict: Verdict,
+                chained: Reason | None) -> Registration:
         """Return the registration with its status lowered from ``OK`` if pose or motion are not reliable.
 
         The status is lowered in three cases: few points constrain the motion and the prediction is weak; the result is
-        a correction; the scans since a loss have not been found in the map before the loss yet (`chained`).
+        a correction; the scans since a loss or a gap have not been found in the map before it yet (`chained`: why).
         """
         registration = demoted_if_weak(registration, self.predictions.best.prior, self._parameters.decision)
         if registration.status is not Status.OK or not (chained or self.is_correction(pose, verdict)):
             return registration
-        reason = Reason.SCAN_BEFORE if chained else verdict.reason
+        reason = chained or verdict.reason
         return dataclasses.replace(registration, status=Status.AMBIGUOUS, reason=reason.value)
 
     def _near_prediction(self, pose: SE2, registration: Registration) -> bool:

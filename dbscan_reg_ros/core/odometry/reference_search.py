@@ -14,6 +14,7 @@ from ..registration.search import SearchStage
 from ..registration.status import demoted_if_poor
 from .gate import Gate
 from .mapping.dynamic_points import without_dynamic_points
+from .mapping.key_frame import KeyFrame
 from .mapping.scan_to_map import information_along
 from .models.motion import displacement_covariance, unknown_motion_covariance
 from .references import (
@@ -57,6 +58,8 @@ class ReferenceSearch:
         outcome = self._search_map()
         if outcome.match is None or (self._gate.weak_prior and not outcome.is_certain):
             outcome = outcome.joined(self._match_scan_before(outcome.match))
+        if self._gate.predictions.interval.jump and not outcome.ends_gap(self._parameters):
+            outcome = outcome._replace(match=None)
         return outcome._replace(search_near=self._search_near, rejoined=self._match_lost_map(outcome.match))
 
     def _search_map(self) -> Outcome:
@@ -148,12 +151,15 @@ class ReferenceSearch:
             return None
         expected = best.pose if chained is None else chained.pose
         covariance = best.prior.covariance + displacement_covariance(lost.time, self._parameters)
-        frames = lost.window.frames_of(self._sensor)
+        frames, parameters = lost.window.frames_of(self._sensor), self._search_parameters
         nearest = nearest_first(frames, expected)[:self._parameters.odometry.older_key_frames]
+        if lost.gap:
+            covariance, parameters = covariance + self._state.covariance.unobserved, self._parameters
+            nearest = [frames[self._state.output.number % len(frames)]]
         references = [Reference(frame, frame.features) for frame in nearest]
         for frame, features in (Reference(frames[-1], lost.window.local_map_of(self._sensor)), *references):
             prior = Prior(frame.pose.inverse() @ expected, covariance)
-            registration = register(features, self._features, self._search_parameters, prior, SearchStage.NORMAL)
+            registration = register(features, self._features, parameters, prior, SearchStage.NORMAL)
             pose = frame.pose @ registration.transform
             verdict = self._gate.check_lost_map(expected, covariance, pose, registration)
             if verdict.decision is Decision.ACCEPT:

@@ -92,6 +92,10 @@ class Outcome(NamedTuple):
         return (match is not None and match.verdict.decision is Decision.ACCEPT
                 and match.registration.status is Status.OK)
 
+    def ends_gap(self, p: Parameters) -> bool:
+        """Whether the result is unambiguous without a prediction, so that the pose may jump to it after a gap."""
+        return self.is_certain and self.registration.confidence >= p.decision.min_confidence
+
     @property
     def rejected(self) -> Registration:
         """The registration to the local map, with the reason for which the gate rejected a result."""

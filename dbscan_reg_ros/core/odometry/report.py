@@ -37,7 +37,7 @@ def report(state: TrackState, features: Features, step: ReportedStep) -> Odometr
     """Return the update with the published pose of a scan; variances of a lidar's resolution are added."""
     number, frame = state.output.number, step.key_frame
     pose, increment = state.output.publish(step.pose)
-    covariance = turned(coordinate_covariance(state.covariance.pose), pose.theta)
+    covariance = turned(coordinate_covariance(state.covariance.pose) + state.covariance.unobserved, pose.theta)
     return OdometryUpdate(
         stamp=features.scan.stamp, pose=pose, covariance=covariance + _LEAST,
         twist=state.motion.twist.copy(), twist_covariance=_of_twist(state),

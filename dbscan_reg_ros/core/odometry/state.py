@@ -9,6 +9,7 @@ from types import MappingProxyType
 from ..features.range_noise import NoiseRatioHistory
 from ..geometry.se2 import SE2
 from ..no_return import NoReturn
+from ..parameters.odometry import OdometryParameters
 from .mapping.key_frame import KeyFrame
 from .mapping.key_frame_window import KeyFrameWindow
 from .models.beam_timing import BeamTimingSearch
@@ -52,13 +53,20 @@ class LostMap:
     covariance : CovariancePropagation
         Covariance after the last scan that was registered to this map.
     time : float [s]
-        Time since the last scan that was registered to this map.
+        Time since the last scan that was registered to this map, without the `gap`.
+    gap : float [s]
+        Time without scans after which no scan was found in this map; 0 where scans went on.
     """
 
     window: KeyFrameWindow
     pose: SE2
     covariance: CovariancePropagation
     time: float
+    gap: float = 0.0
+
+    def longest(self, parameters: OdometryParameters) -> float:
+        """Return the time [s] for which the map is kept."""
+        return _GAP_TIME if self.gap else parameters.restart_time
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +95,7 @@ class Tracking:
         predicted pose.
     lost : LostMap or None
         The map before tracking was lost. It is dropped when a scan is registered to it again, or after
-        `odometry.restart_time`.
+        `odometry.restart_time`, after a gap 60 s.
     """
 
     mode: Mode = Mode.STARTING
@@ -187,3 +195,15 @@ class TrackState:
         """The window of key frames; must not be read before the first scan."""
         assert self.window is not None, 'a track has a key frame from its first scan on'
         return self.window
+
+    def map_before_gap(self, interval: ScanInterval) -> LostMap | None:
+        """Return the map before the first gap since which no scan was found in it; None if there was no gap."""
+        lost = self.tracking.lost
+        if lost is not None and lost.gap:
+            return lost
+        covariance = copy.deepcopy(self.covariance)
+        return LostMap(self.key_frames, self.pose, covariance, 0.0, interval.elapsed) if interval.jump else None
+
+
+_GAP_TIME = 60.0
+"""Time [s] after a gap for which scans are searched in the map before it."""

@@ -38,19 +38,20 @@ from .records import OdometryUpdate
 from .references import Match, Outcome
 from .report import ReportedStep, report
 from .sensor import FIRST, Sensor
-from .state import Mode, Tracking, TrackState
+from .state import LostMap, Mode, Tracking, TrackState
 from .verdict import Reason
 
 
-def start(state: TrackState, features: Features, reason: str, sensor: Sensor = FIRST) -> OdometryUpdate:
-    """Start a track at the last pose; `reason` states why the previous track ended, empty for the first track."""
+def start(state: TrackState, features: Features, reason: str, sensor: Sensor = FIRST, time: float = 0.0,
+          lost: LostMap | None = None) -> OdometryUpdate:
+    """Start a track; the last one ended for a `reason`, after a `time` [s] without found scans and the `lost` map."""
     state.motion = ConstantVelocityModel(state.pose, sensor.name)
     state.output.restart(state.pose)
     state.covariance.reset_twist()
     state.heading = ManhattanHeading()
-    state.tracking = Tracking()
+    state.tracking = Tracking(lost=lost)
     if reason:
-        state.covariance.add_unknown_motion()
+        state.covariance.add_unknown_motion(time)
     frame = KeyFrame(features, sensor.pose_at(state.pose), number=state.output.number, sensor=sensor)
     state.window = KeyFrameWindow((frame,))
     status = Status.FAILED if reason else Status.OK
@@ -112,15 +113,15 @@ def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p
     """Update with a scan that could not be registered.
 
     The predicted pose is used for `odometry.coast_time`. After that the velocity is reset, and only external priors
-    change the pose. After `odometry.restart_time`, or a jump of the stamps, a new track starts.
+    change the pose. After `odometry.restart_time`, or a gap of more than `time.max_jump`, a new track starts.
     """
     predictions, sensor = gate.predictions, gate.sensor
     predicted, interval = sensor.first_at(predictions.best.pose), predictions.interval
     lost_time = state.tracking.lost_time + max(interval.length, interval.elapsed)
     if lost_time > p.odometry.restart_time or interval.jump:
-        if predictions.external is not None:
-            state.pose = predicted
-        return start(state, features, interval.reason or f'lost for {lost_time:.1f} s', sensor)
+        lost = state.map_before_gap(interval)
+        state.pose = state.pose if predictions.external is None else predicted
+        return start(state, features, interval.reason or f'lost for {lost_time:.1f} s', sensor, lost_time, lost)
     lost, mode = state.lost_map_after(interval), Mode.COASTING
     if lost_time > p.odometry.coast_time:
         mode = Mode.LOST
@@ -156,7 +157,7 @@ def follow(state: TrackState, outcome: Outcome, gate: Gate, p: Parameters) -> Od
         _begin_chain(state, match.key_frame, interval)
     elif tracking.lost is not None:
         lost = state.lost_map_after(interval)
-        kept = lost is not None and lost.window is not state.window and lost.time <= p.odometry.restart_time
+        kept = lost and lost.window is not state.window and lost.time <= lost.longest(p.odometry)
         state.tracking = dataclasses.replace(tracking, lost=lost if kept else None)
     assert match is not None
     return _FoundScan(state, match, gate, p).update()
@@ -206,8 +207,9 @@ class _FoundScan:
 
     def __init__(self, state: TrackState, match: Match, gate: Gate, p: Parameters):
         self._state, self._match, self._gate, self._parameters, self._sensor = state, match, gate, p, gate.sensor
-        lost = state.tracking.lost
-        chained = lost is not None and lost.window is not state.window
+        lost, chained = state.tracking.lost, None
+        if lost and lost.window is not state.window:
+            chained = Reason.AFTER_GAP if lost.gap else Reason.SCAN_BEFORE
         self._registration = gate.demoted(match.pose, match.registration, match.verdict, chained)
 
     def update(self) -> OdometryUpdate:
@@ -233,6 +235,7 @@ class _FoundScan:
         state.pose = state.motion.update(pose, interval, constraints, self._parameters, sensor.name)
         middle = state.pose @ integrate(state.motion.twist, interval.middle_offset)
         state.sensors[sensor.name].stamps.judge(middle)
+        state.covariance.observe(float(registration.status is Status.OK) * state.motion.twist)
         is_key_frame = self._update_key_frames(aligned)
         # Report, and learn from the motion.
         pose = state.output.averaged(state.pose, sensor.first_covariance(covariance), interval.length,

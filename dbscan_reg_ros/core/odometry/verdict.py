@@ -29,6 +29,7 @@ class Reason(Enum):
     CONFIRMED = 'outside every gate, but the previous scan was found at the same place'
     GUESS = 'the result is not reliable, but more likely than a weak prediction'
     SCAN_BEFORE = 'registered to the previous scan, without a prediction'
+    AFTER_GAP = 'the pose is unknown since a gap of the scans; expected a place in the map before it, or set_pose'
     REJOINED = 'found again in the map before the loss, which corrects the pose'
     UNCONFIRMED = 'outside every gate; the next scan may confirm it'
 

@@ -9,6 +9,9 @@ import pytest
 
 from dbscan_reg_ros import Odometry, Parameters, Status, open_recording, read_parameters, register
 from dbscan_reg_ros.core.errors import ScanError
+from dbscan_reg_ros.core.geometry.se2 import wrap
+from dbscan_reg_ros.recordings import interpolate
+from dbscan_reg_ros.recordings.poses import relative
 
 CASES = Path(__file__).resolve().parents[4] / 'shared' / 'cases'
 
@@ -78,3 +81,15 @@ def test_along_a_corridor_between_alcoves_no_pose_jumps(parameters):
     """Movable objects that suggest a jump of 1 m are not confirmed by the previous scan."""
     steps = [math.hypot(update.increment.x, update.increment.y) for update in drive('corridor_back', parameters)]
     assert max(steps) < 0.15
+
+
+def test_after_a_gap_without_overlap_the_covariance_holds_the_error():
+    """The robot drives on for 20 s without scans, and never returns."""
+    updates, recording = drive('gap/gap_without_overlap'), open_recording(CASES / 'gap' / 'gap_without_overlap')
+    truth = interpolate(*recording.truth(), [update.stamp for update in updates])
+    error = np.array([update.pose.as_array() for update in updates]) - relative(truth[:1], truth)
+    error[:, 2] = wrap(error[:, 2])
+    variance = np.diagonal([update.covariance for update in updates], axis1=1, axis2=2)
+    after = np.array([update.stamp for update in updates]) > updates[0].stamp + 20e9
+    assert (error[after] ** 2 < 9.0 * variance[after]).all()
+    assert all(update.status is not Status.OK for update in updates[np.argmax(after):])

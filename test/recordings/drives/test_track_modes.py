@@ -83,6 +83,21 @@ def test_a_jump_forward_in_a_known_place_goes_on(odometry):
     assert list(modes(odometry, [seen(1000, 0.3)])) == [Mode.TRACKING]
 
 
+def test_after_a_gap_the_displacement_is_unknown_until_the_map_before_it_is_found(odometry):
+    """The robot is elsewhere after 12 s, and back in the room 2 s later."""
+    known = odometry._state.window
+    hall = outline([(-1.0, -4.0), (7.0, -4.0), (7.0, 2.5), (-1.0, 1.5)])
+    there = [dataclasses.replace(look(hall, SE2(), FULL, 0.01, k), stamp=k * TENTH) for k in range(130, 150)]
+    updates = [odometry.process(scan) for scan in there]
+    sigma = np.sqrt(np.diagonal([update.covariance for update in updates], axis1=1, axis2=2))
+    assert (sigma >= (12.0, 12.0, 3.14)).all()
+    assert all(update.status is not Status.OK for update in updates)
+    updates = [odometry.process(seen(k, 0.3)) for k in range(150, 160)]
+    assert odometry._state.window.frames[0] is known.frames[0]
+    assert updates[-1].status is Status.OK and updates[-1].pose.x == pytest.approx(0.3, abs=0.02)
+    assert np.sqrt(np.diagonal(updates[-1].covariance)).max() < 0.05
+
+
 @pytest.mark.parametrize('seed', range(3))
 def test_a_sensor_that_was_carried_away_goes_on_by_a_chain_and_rejoins_the_map(seed):
     """It is carried 2.5 m between two scans, faster than `odometry.max_speed`, and stays there."""

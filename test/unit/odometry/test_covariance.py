@@ -86,8 +86,10 @@ def test_an_interval_of_zero_leaves_the_twist_unknown():
 def test_after_an_unknown_motion_pose_and_twist_are_unknown():
     drift = CovariancePropagation()
     drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(ALL, MATCHED))
-    drift.add_unknown_motion()
-    np.testing.assert_allclose(drift.pose, MATCHED + np.eye(3))
+    drift.observe(np.array((0.0, 2.0, 0.1)))
+    drift.add_unknown_motion(3.0)
+    np.testing.assert_allclose(drift.pose, MATCHED)
+    np.testing.assert_allclose(drift.unobserved, np.diag((6.0, 6.0, 3.0)) ** 2)
     np.testing.assert_array_equal(drift.twist, np.eye(3))
 
 

@@ -139,12 +139,12 @@ def test_a_result_far_from_the_prediction_is_a_correction_and_not_ok(reason, x, 
     """0.1 m in 0.1 s are the 1 m/s by which a speed may differ; the second scan of a track has no prediction."""
     tested, found = gate(tracking=tracking), Verdict(Decision.ACCEPT, reason)
     assert tested.is_correction(SE2(x), found) is correction
-    status = tested.demoted(SE2(x), result(), found, False).status
+    status = tested.demoted(SE2(x), result(), found, None).status
     assert status is (Status.AMBIGUOUS if correction else Status.OK)
 
 
 def test_a_chain_is_not_ok_before_it_is_found_in_the_map():
-    assert gate().demoted(SE2(), result(), WITHIN, True).status is Status.AMBIGUOUS
+    assert gate().demoted(SE2(), result(), WITHIN, Reason.SCAN_BEFORE).status is Status.AMBIGUOUS
 
 
 def test_a_failed_registration_is_rejected_wherever_it_is():
@@ -284,9 +284,9 @@ def test_a_start_in_motion_is_proved_beyond_the_zero_velocity_gate(x, status, in
 
 def test_few_points_after_a_weak_prior_are_no_longer_ok():
     weak = np.diag((0.51, 0.51, 0.01)) ** 2
-    assert gate(covariance=weak).demoted(SE2(), result(information=FEW), WITHIN, False).status is Status.DEGENERATE
-    assert gate(covariance=weak).demoted(SE2(), result(information=MANY), WITHIN, False).status is Status.OK
-    assert gate().demoted(SE2(), result(information=FEW), WITHIN, False).status is Status.OK
+    assert gate(covariance=weak).demoted(SE2(), result(information=FEW), WITHIN, None).status is Status.DEGENERATE
+    assert gate(covariance=weak).demoted(SE2(), result(information=MANY), WITHIN, None).status is Status.OK
+    assert gate().demoted(SE2(), result(information=FEW), WITHIN, None).status is Status.OK
 
 
 @pytest.mark.parametrize('length', [0.0, 0.005])

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Propagation of the covariance of pose and twist from scan to scan."""
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -39,18 +40,24 @@ class CovariancePropagation:
     """Joint covariance of the errors of pose and twist, in the frame of the sensor [m, m, rad; m/s, m/s, rad/s].
 
     Along a degenerate direction the error of the twist remains, and the error of the pose grows accordingly.
+
+    Attributes
+    ----------
+    unobserved : (3, 3) float
+        Covariance of the pose due to motions while no scan was registered; no later scan reduces it.
     """
 
     _key_frame_error: NDArray[np.float64] | None
     """Covariance ``(3, 3)`` of the last pose relative to the key frames before it, if it started a key frame."""
 
     def __init__(self) -> None:
-        self._joint = np.zeros((_TWIST.stop, _TWIST.stop))
+        self._joint, self._fastest = np.zeros((_TWIST.stop, _TWIST.stop)), np.ones(DOF)
+        self.unobserved = np.zeros((DOF, DOF))
         self.reset_twist()
 
     @property
     def pose(self) -> NDArray[np.float64]:
-        """``(3, 3)`` covariance of the pose."""
+        """``(3, 3)`` covariance of the pose, without that of motions which were `unobserved`."""
         return self._joint[_POSE, _POSE]
 
     @property
@@ -77,9 +84,16 @@ class CovariancePropagation:
         self._key_frame_error = self._joint[_SINCE_KEY_FRAME, _SINCE_KEY_FRAME].copy()
         self._joint[_SINCE_KEY_FRAME] = self._joint[:, _SINCE_KEY_FRAME] = 0.0
 
-    def add_unknown_motion(self) -> None:
-        """Add the covariance of an unknown motion, and start a new key frame."""
-        self._joint[_POSE, _POSE] += np.eye(DOF)
+    def observe(self, twist: NDArray[np.float64]) -> None:
+        """Remember the largest speed and turn rate of the drive, at least 1 m/s and 1 rad/s; `twist` is reliable."""
+        speed, turn_rate = math.hypot(*twist[:2]), abs(twist[2])
+        self._fastest = np.maximum(self._fastest, (speed, speed, turn_rate))
+
+    def add_unknown_motion(self, time: float) -> None:
+        """Add the covariance of a motion that was not observed for a `time` [s], and start a new key frame."""
+        sigma = self._fastest * max(time, 1.0)
+        sigma[2] = min(sigma[2], math.pi)
+        self.unobserved = self.unobserved + np.diag(sigma ** 2)
         self.start_key_frame()
         self.reset_twist()
 
@@ -92,6 +106,9 @@ class CovariancePropagation:
         """
         interval = abs(interval)
         self._joint = backend.step(propagate_errors)(self._joint, step, interval, prior, measurement)
+        if self.unobserved.any():
+            adjoint = step.inverse().adjoint()
+            self.unobserved = adjoint @ self.unobserved @ adjoint.T
         if not interval:
             self.reset_twist()
         elif self._key_frame_error is not None:
