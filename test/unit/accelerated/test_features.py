@@ -53,7 +53,7 @@ def test_equal_ranges_of_a_lidar_have_the_same_noise_ratio_in_both(compiled, see
 
 @pytest.mark.parametrize('size', [*SIZES, 3, 1081])
 def test_ring_band_filter(both, rng, size):
-    """With and without a limit of gross errors; with every second beam missing; the test of the paper."""
+    """With and without a limit of gross errors; with every second beam missing; without the test."""
     for gross, noise in (0.05, 0.01), (0.0, 0.03), (0.5, 0.0):
         points = scan_points(rng, size)
         both(ring_band_filter, points, noise, dataclasses.replace(P.filter, gross_error=gross))
