@@ -20,8 +20,8 @@ class LidarCounts:
     ----------
     unused : int
         Number of scans before the first and after the last scan of the first lidar, which are not used.
-    ignored : int
-        Number of scans before the lidar was found to agree with the first one, and while it disagreed.
+    ignored : Counter
+        Number of scans that were not used, by reason: `ComparedLidar.reason`.
     skipped : int
         Number of scans that could not be used.
     problem : str
@@ -33,7 +33,7 @@ class LidarCounts:
     """
 
     unused: int = 0
-    ignored: int = 0
+    ignored: Counter[str] = field(default_factory=Counter)
     skipped: int = 0
     problem: str = ''
     error: str = ''
@@ -42,15 +42,17 @@ class LidarCounts:
     def measures(self) -> dict:
         """Return the number of scans by outcome; ``scans`` is the number of all except the `unused` ones."""
         counts = {status.value: self.statuses[status] for status in Status}
-        scans = self.skipped + self.ignored + sum(counts.values())
-        return {'scans': scans, 'skipped': self.skipped, 'ignored': self.ignored, **counts}
+        ignored = self.ignored.total()
+        scans = self.skipped + ignored + sum(counts.values())
+        return {'scans': scans, 'skipped': self.skipped, 'ignored': ignored, **counts}
 
     def __str__(self) -> str:
         counts = [f'{name} {count}' for name, count in self.measures().items() if count or name == 'skipped']
         outside = f', {self.unused} not used, as before or after all scans of the first lidar' if self.unused else ''
+        ignored = ''.join(f'; {count} ignored {reason}' for reason, count in self.ignored.items())
         problem = f'; the last skipped: {self.problem}' if self.problem else ''
         error = f'; {self.error}' if self.error else ''
-        return ' '.join(counts) + outside + problem + error
+        return ' '.join(counts) + outside + problem + error + ignored
 
 
 class OdometryWithOthers:
@@ -138,7 +140,8 @@ class OdometryWithOthers:
             counts.problem = str(error)
             raise
         if update.waits:
-            counts.ignored += 1
+            compared = self._odometry.comparisons.lidars.get(sensor.name)
+            counts.ignored[compared.reason if compared else 'as they repeat the scan before'] += 1
         else:
             counts.statuses[update.status] += 1
         return update

@@ -13,6 +13,9 @@ from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
+from dbscan_reg_ros.core.odometry.sensor import Sensor
+from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.recordings import open_recording, read_tum
 from dbscan_reg_ros.recordings.bags.static_transforms import static_mounting
@@ -257,3 +260,23 @@ def test_the_lidars_of_a_parameter_file_are_used(scans, tmp_path, capsys):
     assert list(both['lidars']) == ['/scan', '/scan_2'] and 'has no effect' not in output.err
     one = replayed(bag, tmp_path / 'one', *words, '--topic', '/scan_2')
     assert one['topic'] == '/scan_2' and 'lidars' not in one
+
+
+def test_exact_lidars_at_two_scans_a_second_are_used():
+    """Scans dropped at random: the first lidar's poses lie 0.3 to 0.7 s apart, and it accelerates between them."""
+    rng, world = np.random.default_rng(1), rooms(1)
+    path = follow(world.tour, speed=0.8).until(60.0)
+    mountings, kept = (SE2(0.35, 0.25, 0.8), SE2(-0.35, -0.25, -2.3)), []
+    for rank, mounting in enumerate(mountings):
+        lidar = Lidar(361, math.radians(-135.0), math.radians(0.75), 0.05, 25.0, 10.0, mounting=mounting,
+                      phase=0.019 * rank)
+        scans = simulated(world, path, lidar, 1).scans
+        numbers = np.cumsum(rng.integers(3, 8, len(scans)))
+        kept += [(scans[number], rank) for number in numbers[numbers < len(scans)]]
+    sensors = Sensor('front'), Sensor('rear', mountings[0].inverse() @ mountings[1], rank=1)
+    odometry = Odometry()
+    updates = [odometry.process(scan, sensor=sensors[rank]) for scan, rank in sorted(kept, key=lambda s: s[0].stamp)]
+    assert all(update.status is not Status.FAILED for update in updates)
+    waiting = [number for number, update in enumerate(updates) if update.waits]
+    assert waiting[-1] < 40
+    assert not odometry.comparisons.lidars['rear'].unfit

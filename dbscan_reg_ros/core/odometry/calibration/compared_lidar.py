@@ -113,6 +113,15 @@ class ComparedLidar:
         return self._suspected and sum(self._latest) < _AGREEING
 
     @property
+    def reason(self) -> str:
+        """Why the latest scan of the lidar was not used, if it was not."""
+        if self.apart:
+            return 'as its clock is another one'
+        if self.on_trial:
+            return 'until enough of its scans agreed with the map of the first lidar'
+        return 'while they disagreed with the map of the first lidar' if self.disagrees else 'at a start or repeated'
+
+    @property
     def unfit(self) -> bool:
         """Whether the lidar has never been used over a long drive, and its error is not known either."""
         return self.on_trial and self.error is None and self._lasting
@@ -159,7 +168,9 @@ class ComparedLidar:
                 continue
             relative = motion.pose.inverse() @ location.pose
             if location.guessed:
-                self._compare(location, relative, motion.twist)
+                adjoint = relative.inverse().adjoint()
+                covariance = location.covariance + adjoint @ motion.covariance @ adjoint.T
+                self._compare(location._replace(covariance=covariance), relative, motion.twist)
             else:
                 self._find(relative)
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from ...geometry.array_types import FloatArray
 from ...geometry.se2 import SE2
+from ...geometry.symmetric_matrix import diagonal
 from ...scan import SECOND
 
 
@@ -17,10 +18,13 @@ class TimedMotion(NamedTuple):
     pose : SE2
     twist : (3,) float
         In the frame of the first lidar [m/s, m/s, rad/s].
+    covariance : (3, 3) float
+        Covariance of `pose` from accelerations between scans that are far apart, in its frame [m, m, rad].
     """
 
     pose: SE2
     twist: FloatArray
+    covariance: FloatArray
 
 
 class FirstLidar:
@@ -52,23 +56,30 @@ class FirstLidar:
 
     def motion_at(self, stamp: int) -> TimedMotion | None:
         """Return pose and velocity at `stamp` [ns], the latter over `HALF_SPAN` before and after; None if unknown."""
-        before, pose, after = (self._pose_at(stamp + offset) for offset in (-HALF_SPAN, 0, HALF_SPAN))
-        if before is None or pose is None or after is None:
+        before, found, after = (self._pose_at(stamp + offset) for offset in (-HALF_SPAN, 0, HALF_SPAN))
+        if before is None or found is None or after is None:
             return None
+        pose, bend = found
         inverse = pose.inverse()
-        motion = (inverse @ after).as_array() - (inverse @ before).as_array()
-        return TimedMotion(pose, motion * (0.5 * SECOND / HALF_SPAN))
+        motion = (inverse @ after[0]).as_array() - (inverse @ before[0]).as_array()
+        return TimedMotion(pose, motion * (0.5 * SECOND / HALF_SPAN), (bend * _ACCELERATIONS) ** 2)
 
-    def _pose_at(self, stamp: int) -> SE2 | None:
+    def _pose_at(self, stamp: int) -> tuple[SE2, float] | None:
+        """Return the pose at `stamp` [ns], and by how much [s^2] an acceleration moves it: 0 between near scans."""
         for (start, pose), (end, following) in itertools.pairwise(self._poses):
-            if start <= stamp <= end and end - start <= 2 * HALF_SPAN:
+            if start <= stamp <= end and end - start <= _FARTHEST:
                 motion = (pose.inverse() @ following).as_array()
-                return pose @ SE2.from_array(motion * ((stamp - start) / (end - start)))
+                bend = 0.5 * (stamp - start) * (end - stamp) / SECOND ** 2 if end - start > 2 * HALF_SPAN else 0.0
+                return pose @ SE2.from_array(motion * ((stamp - start) / (end - start))), bend
         return None
 
 
 HALF_SPAN = 200_000_000
 """Half of the time [ns] over which a velocity is measured: a compromise between noise and changes of velocity."""
+_FARTHEST = 2_000_000_000
+"""Time [ns] between two scans of the first lidar up to which its poses are interpolated."""
+_ACCELERATIONS = diagonal(1.0, 1.0, 4.0)
+"""Standard deviations of unknown accelerations [m/s^2, m/s^2, rad/s^2], as those of the motion model."""
 _SILENT_AFTER = 150_000_000
 """The first lidar counts as silent after this time [ns] without a scan."""
 _LONGEST_WAIT = 1_000_000_000
