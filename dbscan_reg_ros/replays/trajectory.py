@@ -133,7 +133,8 @@ class Trajectory:
                          'end_m': float(end_m), 'end_deg': float(end_deg)}
         if self.milliseconds:
             measures |= {f'ms_p{q}': float(np.percentile(self.milliseconds, q)) for q in (50, 95, 99)}
-            measures['processor_ms_mean'] = 1e3 * self.processor_seconds / len(self.milliseconds)
+            count = self.number(len(self.used) - 1) + 1 if self.numbers else len(self.milliseconds)
+            measures['processor_ms_mean'] = 1e3 * self.processor_seconds / count
         return measures
 
 

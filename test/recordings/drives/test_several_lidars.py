@@ -21,6 +21,7 @@ from dbscan_reg_ros.recordings import open_recording, read_tum
 from dbscan_reg_ros.recordings.bags.static_transforms import static_mounting
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.replays.sensor_mounting import turned
+from dbscan_reg_ros.replays.trajectory import Trajectory
 from dbscan_reg_ros.simulation import Lidar, follow, rooms
 from dbscan_reg_ros.simulation import simulate as simulated
 
@@ -280,3 +281,9 @@ def test_exact_lidars_at_two_scans_a_second_are_used():
     waiting = [number for number, update in enumerate(updates) if update.waits]
     assert waiting[-1] < 40
     assert not odometry.comparisons.lidars['rear'].unfit
+
+
+def test_the_processor_time_is_that_of_a_scan_of_any_lidar():
+    """Two scans of the first lidar, the second after two of another one."""
+    trajectory = Trajectory(used=[True, True], numbers=[0, 3], milliseconds=[2.0, 6.0], processor_seconds=0.008)
+    assert trajectory.measures(1.0)['processor_ms_mean'] == pytest.approx(2.0)
