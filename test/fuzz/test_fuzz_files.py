@@ -12,7 +12,8 @@ from bags import every_format, laser_scan, write_bag
 from child import in_child
 from damage import damaged_bytes, damaged_text
 
-from dbscan_reg_ros import Odometry, Parameters, RecordingError
+from dbscan_reg_ros import Parameters, RecordingError
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.recordings import load_relations, open_recording, read_csv, read_tum, write_csv, write_tum
 from dbscan_reg_ros.recordings.snapshots import Snapshot, SnapshotUpdate, read_snapshot, write_snapshot
 

@@ -10,6 +10,7 @@ from worst_scans import worst_scan
 
 from dbscan_reg_ros import Odometry, Scan, ScanError, Status
 
+pytestmark = pytest.mark.filterwarnings('ignore::UserWarning')
 SEQUENCE = 20
 """Scans that one odometry sees."""
 MEMORY = 512 * 2**20

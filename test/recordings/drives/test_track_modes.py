@@ -71,6 +71,7 @@ def test_lost_with_an_external_prior_the_pose_follows_it(odometry):
     assert moved.x == pytest.approx(20 * 0.03, abs=0.01)
 
 
+@pytest.mark.filterwarnings('ignore:the stamps of the scans go back:UserWarning')
 def test_stamps_that_go_back_start_a_track(odometry):
     assert list(modes(odometry, [dataclasses.replace(seen(0, 0.3), stamp=-1000 * TENTH)])) == [Mode.STARTING]
 

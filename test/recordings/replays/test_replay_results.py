@@ -10,10 +10,10 @@ import pytest
 import yaml
 from bags import SECOND, scan_bag
 
-from dbscan_reg_ros import SE2, Odometry
+from dbscan_reg_ros import SE2
 from dbscan_reg_ros.commands.convert import main as convert
 from dbscan_reg_ros.commands.replay import main
-from dbscan_reg_ros.core.odometry.pipeline import Odometry as CoreOdometry
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.evaluation.metrics import duration, path_lengths
 from dbscan_reg_ros.recordings import open_recording, read_tum
 from dbscan_reg_ros.replays.loops import Loops
@@ -192,14 +192,14 @@ def test_v_names_the_parameters_whose_steps_are_not_compiled(replay, rotating, t
 
 
 def test_an_odometry_that_breaks_off_leaves_what_it_found_until_then(replay, rotating, capsys, monkeypatch):
-    process, left = CoreOdometry.process, iter(range(12))
+    process, left = Odometry.process, iter(range(12))
 
     def breaks_off(self, scan, *further):
         if next(left, None) is None:
             raise ZeroDivisionError('by zero')
         return process(self, scan, *further)
 
-    monkeypatch.setattr(CoreOdometry, 'process', breaks_off)
+    monkeypatch.setattr(Odometry, 'process', breaks_off)
     code, folder = replay(rotating[:20])
     assert code == 1
     whole(folder, 12)
