@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from benchmarks.odometry.courses import hall_of_chairs, simulated, wood
 
-from dbscan_reg_ros import SE2, Odometry, Parameters, ScanError, Status
+from dbscan_reg_ros import SE2, Parameters, ScanError, Status
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.recordings.poses import compose, relative
 from dbscan_reg_ros.replays.loops import Loops
 from dbscan_reg_ros.replays.sensor_mounting import turned

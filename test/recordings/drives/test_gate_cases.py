@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dbscan_reg_ros import Odometry, Parameters, Status, open_recording, read_parameters, register
+from dbscan_reg_ros import Parameters, Status, open_recording, read_parameters, register
 from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.geometry.se2 import wrap
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.recordings import interpolate
 from dbscan_reg_ros.recordings.poses import relative
 

@@ -9,9 +9,10 @@ import pytest
 from benchmarks.odometry.moving_courses import curved
 from rooms import outline
 
-from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Status
+from dbscan_reg_ros import SE2, Parameters, Prior, Status
 from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import as_vectors
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.replays.odometry import replay_odometry
 from dbscan_reg_ros.replays.summary import describe_contradictions

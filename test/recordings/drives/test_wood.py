@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from benchmarks.odometry.courses import simulated, wood
 
-from dbscan_reg_ros import Odometry, Parameters, ScanError, Status
+from dbscan_reg_ros import Parameters, ScanError, Status
 from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.registration.pipeline import register
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation import LIDARS
