@@ -2,13 +2,17 @@
 """Installation by colcon, bloom or pip."""
 import hashlib
 import importlib.util
+import os
+import shutil
 import sys
+import sysconfig
 from glob import glob
 from pathlib import Path
 
 from setuptools import Extension, find_packages, setup
 from setuptools.command.build_ext import build_ext
 from setuptools.command.sdist import sdist
+from setuptools.errors import CCompilerError, ExecError, PlatformError
 
 PACKAGE = 'dbscan_reg_ros'
 COMMANDS = ('calibrate', 'compare', 'convert', 'demo', 'dump', 'play', 'register', 'replay', 'scan_matcher',
@@ -23,28 +27,52 @@ else:
     SCRIPTS = [f'dbscan-reg-ros = {ENTRY_POINT}']
 
 # Colcon runs this file to learn the name of the package, and ignores the package when anything is printed meanwhile.
-STEPS = f'{PACKAGE}/core/accelerated/steps'
-SOURCES = sorted(path for suffix in ('pyx', 'pxi') for path in Path(STEPS).parent.rglob(f'*.{suffix}'))
+CORE = Path(PACKAGE, 'core')
+SOURCES = sorted(path for suffix in ('pyx', 'pxd', 'pxi') for path in CORE.rglob(f'*.{suffix}'))
+MODULES = [path.with_suffix('') for path in SOURCES if path.suffix == '.pyx']
+STEPS = CORE / 'accelerated' / 'steps'
 CYTHON = importlib.util.find_spec('Cython') is not None
 
 
 def extensions():
-    """The compiled steps, where they can be built: with Cython, or from the C of a source distribution."""
-    if not (SOURCES and (CYTHON or Path(f'{STEPS}.c').exists())):
-        return []
+    """The compiled modules, from Cython, or from the C of a source distribution."""
     digest = hashlib.sha256(b''.join(path.read_bytes() for path in SOURCES)).hexdigest()[:16]
-    return [Extension(STEPS.replace('/', '.'), [f'{STEPS}.pyx'], depends=[str(path) for path in SOURCES], optional=True,
-                      define_macros=[('DBSCAN_REG_SOURCE_HASH', f'"{digest}"')],
-                      extra_compile_args=['-ffp-contract=off', '-fcx-fortran-rules', '-fno-math-errno', '-g0'])]
+    shared = [str(path) for path in SOURCES if path.suffix == '.pxd']
+    return [Extension('.'.join(module.parts), [f'{module}.pyx'],
+                      depends=[*shared, *map(str, module.parent.rglob('*.pxi'))],
+                      define_macros=[('DBSCAN_REG_SOURCE_HASH', f'"{digest}"')] if module == STEPS else [],
+                      extra_compile_args=['-ffp-contract=off', '-fcx-fortran-rules', '-fno-math-errno', '-g0'])
+            for module in MODULES]
 
 
 class BuildExtensions(build_ext):
     """Generates no C beside the sources, where it would be taken for theirs when they have changed."""
 
     def initialize_options(self):
-        """Set the options: C is generated in the build folder."""
+        """Set the options: C is generated in the build folder, and all cores are used."""
         super().initialize_options()
         self.cython_c_in_temp = True
+        self.parallel = True
+
+    def run(self):
+        """Build; end with one line that says what is missing."""
+        if not (CYTHON or all(module.with_suffix('.c').exists() for module in MODULES)):
+            sys.exit(f'{PACKAGE}: its compiled modules need Cython 3.0.8 or newer: apt-get install cython3, or '
+                     'pip install cython; installing a wheel takes neither Cython nor a compiler')
+        try:
+            super().run()
+        except (CCompilerError, ExecError, PlatformError) as error:
+            sys.exit(f'{PACKAGE}: its compiled modules could not be built: {missing() or error}')
+
+
+def missing():
+    """Return what a build needs and this machine has not; empty if nothing is known to be missing."""
+    if shutil.which((os.environ.get('CC') or 'cc').split()[0]) is None:
+        return ('there is no C compiler: apt-get install build-essential; or pip install ziglang, and set '
+                'CC="python -m ziglang cc"')
+    if not Path(sysconfig.get_paths()['include'], 'Python.h').exists():
+        return 'the headers of Python are missing: apt-get install python3-dev'
+    return ''
 
 
 class SourceDistribution(sdist):
@@ -55,9 +83,10 @@ class SourceDistribution(sdist):
         super().make_release_tree(base_dir, files)
         if CYTHON:
             from Cython.Build import cythonize
-            cythonize([str(Path(base_dir, f'{STEPS}.pyx'))], quiet=True)
-        elif Path(f'{STEPS}.c').exists():
-            self.copy_file(f'{STEPS}.c', str(Path(base_dir, f'{STEPS}.c')))
+            cythonize([str(Path(base_dir, f'{module}.pyx')) for module in MODULES], quiet=True)
+        for module in MODULES:
+            if not CYTHON and module.with_suffix('.c').exists():
+                self.copy_file(f'{module}.c', str(Path(base_dir, f'{module}.c')))
 
 
 setup(
@@ -67,8 +96,8 @@ setup(
     license='Apache-2.0',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['py.typed', 'replays/page/*.html', 'replays/page/*.css', 'replays/page/*.js',
-                            'core/accelerated/*.pyi', 'core/accelerated/*.pyx',
-                            'core/accelerated/*.pxi', 'core/accelerated/*/*.pxi']},
+                            *(str(path.relative_to(PACKAGE)) for suffix in ('pyi', 'pyx', 'pxd', 'pxi')
+                              for path in sorted(CORE.rglob(f'*.{suffix}')))]},
     ext_modules=extensions(),
     cmdclass={'build_ext': BuildExtensions, 'sdist': SourceDistribution},
     python_requires='>=3.10',

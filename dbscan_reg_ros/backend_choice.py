@@ -1,50 +1,47 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Choice of the default backend: the compiled steps if they are built and up to date, else the numpy reference."""
+"""Choice of the default backend of the registration: the compiled steps, or the numpy reference for tests."""
 import hashlib
 import os
-import warnings
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 
 from .core.backend import REFERENCE, Backend
+from .core.errors import BuildError
 from .core.parameters.tree import Parameters
 
 PURE = 'DBSCAN_REG_PURE'
 """Environment variable that chooses the numpy reference if it is set to anything but 0."""
-SOURCES = Path(__file__).absolute().parent / 'core' / 'accelerated'
+SOURCES = Path(__file__).absolute().parent / 'core'
 
 
 def source_hash(folder: Path = SOURCES) -> str:
     """Return the hash of the sources of the compiled steps in a `folder`; empty where they are not installed."""
-    paths = sorted(path for suffix in ('pyx', 'pxi') for path in folder.rglob(f'*.{suffix}'))
+    paths = sorted(path for suffix in ('pyx', 'pxd', 'pxi') for path in folder.rglob(f'*.{suffix}'))
     return hashlib.sha256(b''.join(path.read_bytes() for path in paths)).hexdigest()[:16] if paths else ''
 
 
 @lru_cache(maxsize=1)
-def compiled_backend() -> Backend | None:
-    """Return the backend of the compiled steps; None if they are not built, or were built from other sources."""
-    name = f'{__package__}.core.accelerated.steps'
-    steps = None
+def compiled_backend() -> Backend:
+    """Return the backend of the compiled steps; BuildError if they were built from other sources."""
     try:
-        steps = import_module(name)
-    except ModuleNotFoundError as missing:
-        if missing.name == name:
-            return None
-    except Exception:  # noqa: BLE001 - built from other sources, they may refer to names that are gone
-        pass
-    if steps is None or source_hash() not in ('', steps.SOURCE_HASH):
-        warnings.warn('the compiled steps were built from other sources: the slower numpy reference runs instead; to '
-                      'build them again: python setup.py build_ext --inplace --force', RuntimeWarning, stacklevel=2)
-        return None
+        steps = import_module(f'{__package__}.core.accelerated.steps')
+    except (AttributeError, ImportError) as error:
+        raise BuildError(f'{_OTHER_SOURCES} ({error})') from error
+    if source_hash() not in ('', steps.SOURCE_HASH):
+        raise BuildError(_OTHER_SOURCES)
     return Backend('compiled', {name: getattr(steps, name) for name in steps.STEPS})
+
+
+_OTHER_SOURCES = ('the compiled modules of dbscan_reg_ros were built from other sources; in its folder: '
+                  'python setup.py build_ext --inplace --force')
 
 
 @lru_cache(maxsize=1)
 def choose() -> Backend:
-    """Return the default backend: the compiled one if it can run and `PURE` does not forbid it, else the reference."""
-    pure = os.environ.get(PURE, '0') not in ('', '0')
-    return REFERENCE if pure else compiled_backend() or REFERENCE
+    """Return the default backend: the compiled one, unless `PURE` chooses the reference."""
+    compiled = compiled_backend()
+    return REFERENCE if os.environ.get(PURE, '0') not in ('', '0') else compiled
 
 
 def reference_settings(parameters: Parameters) -> list[str]:

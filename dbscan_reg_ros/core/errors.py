@@ -16,3 +16,7 @@ class ParameterError(DbscanRegError, ValueError):
 
 class RecordingError(DbscanRegError, ValueError):
     """A recording cannot be read, or does not contain the requested data."""
+
+
+class BuildError(DbscanRegError, ImportError):
+    """The compiled modules are missing, or were built from other sources."""

@@ -14,29 +14,13 @@ from libc.math cimport INFINITY, M_PI, NAN, atan2, copysign, cos, exp, fabs, flo
 from libc.math cimport rint, sin, sqrt
 from libc.stdlib cimport free, labs, malloc
 
-from ..errors import ScanError
-from ..features import free_space as free_space_steps
-from ..features import likelihood_field as likelihood_field_steps
-from ..features import normals as normal_steps
-from ..features import oriented_points as oriented_steps
-from ..features import range_noise as range_noise_steps
-from ..features import ring_band as ring_band_steps
-from ..features import segments as segment_steps
-from ..features import small_objects as small_object_steps
-from ..features.free_space import FreeSpaceProfile
-from ..features.likelihood_field import LikelihoodField
 from ..features.oriented_points import OrientedPoints
-from ..features.point_sequence import PointSequence
-from ..features.records import EndKind, Features, Segments
-from ..features.small_objects import SmallObjects
+from ..features.points import high_leverage, sample
+from ..features.records import EndKind
 from ..geometry import tolerance
 from ..geometry.se2 import SE2
-from ..odometry.mapping import dynamic_points as dynamic_steps
-from ..odometry.mapping import key_frame_window as window_steps
-from ..odometry.mapping import local_map as local_map_steps
 from ..odometry.mapping import scan_to_map as map_steps
-from ..odometry.mapping.correspondences import Correspondences, PosePrior
-from ..odometry.mapping.key_frame_window import Pairs
+from ..odometry.mapping.correspondences import Correspondences, Pairs, PosePrior
 from ..registration import degeneracy as degeneracy_steps
 from ..registration import pipeline as pipeline_steps
 from ..registration import rotation as rotation_steps
@@ -54,6 +38,10 @@ from ..registration.status import Assessment
 from ..registration.translation import Translations
 from ..registration.uncertainty import Observability
 
+from ..features.points cimport given_or_ones
+from ..geometry.ordering cimport first_largest, sort_stably, sort_up_to_rounding
+from ..geometry.plane cimport bin_of, cross, distance, dot, length_of, modulus, rotated, wrap, wrapped
+
 cdef extern from *:
     """
     #ifndef DBSCAN_REG_SOURCE_HASH
@@ -65,19 +53,9 @@ cdef extern from *:
 SOURCE_HASH = DBSCAN_REG_SOURCE_HASH.decode()
 """Hash of the sources that this was built from."""
 
-cdef double TINY = tolerance.TINY, ROUNDING = tolerance.ROUNDING, SAME = tolerance.SAME, SIGMAS = tolerance.SIGMAS
+cdef double TINY = tolerance.TINY, SAME = tolerance.SAME, SIGMAS = tolerance.SIGMAS
 
 include "geometry.pxi"
-include "features/ordering.pxi"
-include "features/range_noise.pxi"
-include "features/ring_band.pxi"
-include "features/surfaces.pxi"
-include "features/segments.pxi"
-include "features/likelihood_field.pxi"
-include "features/free_space.pxi"
-include "features/leverage.pxi"
-include "features/small_objects.pxi"
-include "features/extraction.pxi"
 include "registration/lookup.pxi"
 include "registration/point_to_line.pxi"
 include "registration/rotation.pxi"
@@ -96,17 +74,9 @@ include "mapping/local_map.pxi"
 include "models/covariance.pxi"
 
 STEPS = (
-    'estimate_noise', 'estimate_noise_ratio', 'ring_band_filter', 'point_sequence', 'estimate_normals',
-    'extract_segments', 'build_likelihood_field', 'build_free_space_profile',
-    'leverage', 'high_leverage', 'find_small_objects', 'extract_from_returns', 'build_oriented_points',
     'fit', 'pair_weights', 'estimate_rotations', 'estimate_translations', 'near_motions', 'rank_by_density',
     'polish_best',
     'search_degenerate_direction', 'uncertainty', 'match_covariance', 'collect_evidence', 'log_odds', 'assess',
     'find_rivals',
-    'look_up_pairs', 'points_by_frame', 'look_up_correspondences', 'weighted_by_agreement', 'align', 'align_to_map',
-    'alignment_uncertainty',
-    'confirm', 'dynamic_points', 'detached_points', 'beside', 'information_ratio', 'newest_in_cell',
-    'older_map_points', 'with_poles',
-    'propagate_errors',
 )
 """Names of the steps."""

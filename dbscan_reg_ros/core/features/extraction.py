@@ -1,19 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Extraction of the features of a scan (sections 2.1 and 2.2)."""
-import numpy as np
-
 from ..backend import Backend, default_backend
-from ..errors import ScanError
-from ..geometry.se2 import as_complex, as_vectors
 from ..parameters.tree import Parameters
 from ..scan import Scan
-from .normals import estimate_normals
-from .point_sequence import point_sequence
-from .range_noise import estimate_noise, range_noise
+from .extract import extract_from_returns
 from .records import Features
-from .returns import Returns, admitted_returns
-from .ring_band import ring_band_filter
-from .segments import extract_segments
+from .returns import admitted_returns
 
 _DEFAULTS = Parameters()
 
@@ -39,28 +31,4 @@ def extract_features(scan: Scan, parameters: Parameters = _DEFAULTS, noise_ratio
     """
     backend = backend or default_backend()
     returns = admitted_returns(scan, parameters.scan, backend)
-    return backend.step(extract_from_returns)(returns, parameters, noise_ratio)
-
-
-def extract_from_returns(returns: Returns, parameters: Parameters, noise_ratio: float | None = None) -> Features:
-    """Extract the features of a scan from its selected returns; parameters and errors are as for `extract_features`."""
-    limits, scan = parameters.scan, returns.scan
-    filtered, _ = ring_band_filter(returns.points, returns.noise, parameters.filter)
-    beams = np.isfinite(filtered[:, 0]).nonzero()[0]
-    points = filtered[beams]
-    if len(points) < limits.min_returns:
-        raise ScanError(f'{len(points)} returns remain after the ring band filter; advanced.scan.min_returns asks for '
-                        f'{limits.min_returns}')
-    ratio, noise = returns.noise_ratio if noise_ratio is None else noise_ratio, returns.noise
-    positions = as_complex(points)
-    radius = np.abs(positions)
-    # Before the filter, outliers count as noise. Corners must stand out from this noise, normals and breaks need not.
-    left = min(noise, estimate_noise(radius, limits)) if len(points) < np.count_nonzero(returns.valid) else noise
-    sequence = point_sequence(positions, beams, scan.geometry.angle_increment, left, parameters.segments)
-    normals = estimate_normals(sequence, range_noise(radius, left, ratio), parameters.segments)
-    segments = extract_segments(sequence, range_noise(radius, noise, ratio), parameters.segments)
-    if sequence.increment < 0.0:
-        segments = segments.reversed()
-    return Features(scan=scan, points=points, beams=beams, breaks=sequence.breaks, normals=as_vectors(normals),
-                    segments=segments, noise=left, density=parameters.density, noise_ratio=ratio,
-                    backend=returns.backend)
+    return extract_from_returns(returns, parameters, noise_ratio)

@@ -2,12 +2,11 @@
 """Free-space profile of a scan: the range that is known to be free in each direction."""
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from ..geometry.array_types import ComplexArray, FloatArray, IntArray
-from ..geometry.se2 import as_complex
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,43 +57,5 @@ def in_front(radius: FloatArray, near: FloatArray, tolerance: float | FloatArray
     return np.minimum(front, 1.0, out=front)
 
 
-@lru_cache(maxsize=2)
-def _edges(size: int) -> FloatArray:
-    """Return the bearings [rad] of the edges of `size` bins of the full circle."""
-    edges: FloatArray = np.arange(size + 1, dtype=float) * (2.0 * math.pi / size) - math.pi
-    return edges
-
-
-def build_free_space_profile(points: FloatArray, increment: float) -> FreeSpaceProfile:
-    """Build the `FreeSpaceProfile` of a scan.
-
-    A bin has information when returns next to both of its edges are less than three increments apart.
-
-    Parameters
-    ----------
-    points : (P, 2) float
-        Filtered points in the frame of the sensor [m].
-    increment : float
-        Step from one beam to the next [rad].
-    """
-    size = min(max(round(2.0 * math.pi / abs(increment)), _MIN_BINS), _MAX_BINS)
-    bearing, radius = np.arctan2(points[:, 1], points[:, 0]), np.abs(as_complex(points))
-    order = bearing.argsort(kind='stable')
-    bearing, radius = bearing[order], radius[order]
-    bearing = np.concatenate((bearing[-1:] - 2.0 * math.pi, bearing, bearing[:1] + 2.0 * math.pi))
-    radius = np.concatenate((radius[-1:], radius, radius[:1]))
-    edges = _edges(size)
-    before = bearing.searchsorted(edges, 'right') - 1
-    after = before + (bearing[before] < edges)
-    # Deskewed scans are sparse in places: the neighbours need not be of adjacent beams.
-    known = bearing[after[1:]] - bearing[before[:-1]] < 3.0 * max(abs(increment), 2.0 * math.pi / size)
-    ends = radius[before[1:]], radius[after[1:]]
-    near = np.minimum(np.minimum.reduceat(radius, before)[:-1], np.minimum(*ends))
-    far = np.maximum(np.maximum.reduceat(radius, before)[:-1], np.maximum(*ends))
-    return FreeSpaceProfile(near * known, far * known)
-
-
 _NEARBY_BINS = 5
 """Number of bins that `FreeSpaceProfile.nearby` covers."""
-_MIN_BINS, _MAX_BINS = 60, 2880
-"""Least and greatest number of bins of a free-space profile."""

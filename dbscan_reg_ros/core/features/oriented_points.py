@@ -4,11 +4,8 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
-from ..geometry.se2 import as_complex
-from ..geometry.tolerance import TINY
 
 Values = TypeVar('Values', FloatArray, ComplexArray)
 
@@ -76,55 +73,3 @@ class OrientedPoints:
 def stride(size: int, count: int) -> int:
     """Return the index step with which at most `count` of `size` points are selected."""
     return -(-size // count)
-
-
-def build_oriented_points(points: ArrayLike, normals: ArrayLike, beams: IntArray) -> OrientedPoints:
-    """Build `OrientedPoints` from points and normals ``(P, 2)``, leaving out points without a normal."""
-    directions = as_complex(normals)
-    known = directions != 0.0
-    return OrientedPoints(as_complex(points)[known], directions[known], beams[known])
-
-
-def leverage(oriented: OrientedPoints, ridge: float) -> FloatArray:
-    """Return weights ``(P,)`` with sum 1 that are larger for points with a rare normal direction.
-
-    In a corridor this raises the weight of the few points whose normals point along it. The weight is the statistical
-    leverage of the normal in a regression with this `ridge`; large values make all weights equal.
-    """
-    size = max(len(oriented), 1)
-    nx, ny = oriented.normals.real, oriented.normals.imag
-    xx, xy, yy = nx @ nx / size + ridge, nx @ ny / size, ny @ ny / size + ridge
-    weight = oriented.weighted(yy * nx * nx - 2.0 * xy * nx * ny + xx * ny * ny)
-    return weight / max(float(weight.sum()), TINY)
-
-
-def high_leverage(normals: ComplexArray) -> BoolArray:
-    """Find points with a rare normal direction: points with more than twice the mean leverage.
-
-    The factor of two is the rule of thumb of Hoaglin and Welsch, "The hat matrix in regression and ANOVA", The American
-    Statistician 32, 1978.
-
-    Parameters
-    ----------
-    normals : (P,) complex
-        Unit normals.
-
-    Returns
-    -------
-    (P,) bool
-    """
-    # The double angle makes a direction and its opposite equal. The leverage is 2 (1 - c r) / (1 - r^2), with the mean
-    # 2: r is the length of the mean direction, and c r the component of a direction along it.
-    double = normals * normals
-    mean = complex(double.sum()) / max(len(double), 1)
-    rare: BoolArray = (double * mean.conjugate()).real < 2.0 * abs(mean) ** 2 - 1.0
-    return rare
-
-
-def sample(oriented: OrientedPoints, count: int) -> OrientedPoints:
-    """Return at most `count` points, evenly spaced along the scan, and in addition all points of `high_leverage`."""
-    if len(oriented) <= count:
-        return oriented
-    chosen = high_leverage(oriented.normals)
-    chosen[::stride(len(oriented), count)] = True
-    return oriented.select(chosen.nonzero()[0])

@@ -13,10 +13,12 @@ from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import as_complex, wrap
 from ..parameters.registration import DensityParameters
 from ..scan import Scan
-from .free_space import FreeSpaceProfile, build_free_space_profile
-from .likelihood_field import LikelihoodField, build_likelihood_field
-from .oriented_points import OrientedPoints, build_oriented_points, leverage
-from .range_noise import TYPICAL_NOISE
+from .free_space import FreeSpaceProfile
+from .likelihood_field import LikelihoodField
+from .noise import TYPICAL_NOISE
+from .oriented_points import OrientedPoints
+from .points import build_oriented_points, leverage
+from .tables import build_free_space_profile, build_likelihood_field
 
 
 class EndKind(IntEnum):
@@ -155,7 +157,7 @@ class Features:
     @cached_property
     def wall_points(self) -> OrientedPoints:
         """The points that have a normal."""
-        return self.backend.step(build_oriented_points)(self.points, self.normals, self.beams)
+        return build_oriented_points(self.points, self.normals, self.beams)
 
     @cached_property
     def oriented_points(self) -> OrientedPoints:
@@ -175,7 +177,7 @@ class Features:
     @cached_property
     def leverage(self) -> FloatArray:
         """Weight of each of the `sampled_points` in a score; the weights sum to 1."""
-        return self.backend.step(leverage)(self.sampled_points, self.density.leverage_ridge)
+        return leverage(self.sampled_points, self.density.leverage_ridge)
 
     @cached_property
     def isolated(self) -> float:
@@ -188,9 +190,9 @@ class Features:
         """Likelihood field with which other scans are compared when this scan is the reference."""
         oriented = self.oriented_points
         oriented = oriented.joined(self.map_points) if self.map_points else oriented
-        return self.backend.step(build_likelihood_field)(oriented, self.density)
+        return build_likelihood_field(oriented, self.density)
 
     @cached_property
     def free_space(self) -> FreeSpaceProfile:
         """Free-space profile of this scan."""
-        return self.backend.step(build_free_space_profile)(self.points, self.scan.geometry.angle_increment)
+        return build_free_space_profile(self.points, self.scan.geometry.angle_increment)

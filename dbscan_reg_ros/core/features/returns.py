@@ -11,7 +11,7 @@ from ..geometry.array_types import BoolArray, FloatArray
 from ..geometry.se2 import as_complex
 from ..parameters.features import ScanParameters
 from ..scan import Scan
-from .range_noise import estimate_noise, estimate_noise_ratio
+from .noise import estimate_noise, estimate_noise_ratio
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +40,13 @@ class Returns:
     @cached_property
     def noise(self) -> float:
         """Standard deviation of a range [m]."""
-        return self.backend.step(estimate_noise)(self._ranges, self.limits)
+        return estimate_noise(self._ranges, self.limits)
 
     @cached_property
     def noise_ratio(self) -> float:
         """Standard deviation of a range as a fraction of the range; 0 if far ranges are no noisier than near ones."""
         beams = self.valid.nonzero()[0]
-        return self.backend.step(estimate_noise_ratio)(as_complex(self.points)[beams], self._ranges, beams, self.limits)
+        return estimate_noise_ratio(as_complex(self.points)[beams], self._ranges, beams, self.limits)
 
     @cached_property
     def _ranges(self) -> FloatArray:

@@ -5,12 +5,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..accelerated.steps import align_to_map, alignment_uncertainty
 from ..geometry.se2 import SE2
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Registration
 from .mapping.correspondences import Correspondences, PosePrior
 from .mapping.key_frame_window import KeyFrameWindow
-from .mapping.scan_to_map import InitialAlignment, align_to_map, alignment_uncertainty
+from .mapping.scan_to_map import InitialAlignment
 from .models.motion import MotionConstraints
 from .prediction import Predictions
 from .references import Match
@@ -72,9 +73,8 @@ def align_scan(window: KeyFrameWindow, match: Match, prior: PosePrior, predictio
     # An unobservable rotation is left to an external prior; the motion model knows it no better than the match.
     rotation_by_prior = (registration.rotation_unobservable and not predictions.by_motion_model
                          and bool(prior.information.any()))
-    step = match.features.backend.step
-    pose, correspondences = step(align_to_map)(
+    pose, correspondences = align_to_map(
         window, match.features, initial._replace(rotation_unobservable=rotation_by_prior), prior, p,
         coarse=window.of_sensor(match.key_frame.sensor.name))
-    covariance, observed = step(alignment_uncertainty)(match.features, pose, correspondences, initial, p)
+    covariance, observed = alignment_uncertainty(match.features, pose, correspondences, initial, p)
     return Aligned(pose, covariance, observed.angle, _constrained(direction, observed.weak, p), correspondences)

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from ..backend import Backend, default_backend
 from ..errors import ScanError
-from ..features.extraction import extract_from_returns
+from ..features.extract import extract_from_returns
+from ..features.poles import with_poles
 from ..features.records import Features
 from ..features.returns import admitted_returns
-from ..features.small_objects import with_poles
 from ..geometry.se2 import SE2
 from ..parameters.features import ScanParameters
 from ..parameters.tree import Parameters
@@ -240,10 +240,10 @@ class Odometry:
             scan = deskew(scan, twist)
         returns = admitted_returns(scan, p.scan, self._backend)
         noise = own.noise if again else own.noise.after(returns.noise_ratio)
-        features = self._backend.step(extract_from_returns)(returns, p, noise.value)
+        features = extract_from_returns(returns, p, noise.value)
         own.noise = noise
         size = p.odometry.pole_size
-        return self._backend.step(with_poles)(features, size, p.segments) if size else features
+        return with_poles(features, size, p.segments) if size else features
 
     def _learn_timing(self, result: OdometryUpdate, sent: Scan) -> OdometryUpdate:
         """Learn from a key frame, a scan as `sent`, when its beams are measured; report and apply what was found."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from types import MappingProxyType
 
-from ..features.range_noise import NoiseRatioHistory
+from ..features.noise_history import NoiseRatioHistory
 from ..geometry.se2 import SE2
 from ..no_return import NoReturn
 from ..parameters.odometry import OdometryParameters

@@ -196,7 +196,7 @@ def _propagate(state: TrackState, pose: SE2, prior: Prior, interval: ScanInterva
     """Propagate the heading filter and the covariances to `pose`."""
     step = state.pose.inverse() @ pose
     state.heading.propagate(step)
-    state.covariance.propagate(step, interval.length, prior, measurement, state.key_frames.backend)
+    state.covariance.propagate(step, interval.length, prior, measurement)
     if interval.gap:
         # Mostly the stamp is wrong and the motion continues, but its velocity is unknown.
         state.covariance.reset_twist()

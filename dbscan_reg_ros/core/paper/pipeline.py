@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from ..features.range_noise import range_noise
+from ..features.noise import range_noise
 from ..features.records import Segments
 from ..features.returns import admitted_returns
 from ..geometry.array_types import BoolArray, FloatArray, IntArray

@@ -2,10 +2,12 @@
 """Ring band filter: each beam is compared with the ring of beams around it (section 2.1, Eq. 3-4)."""
 import numpy as np
 
-from ..features.ring_band import INNER, RING, Outcome
+from ..features.ring_band import Outcome
 from ..geometry.array_types import FloatArray, IntArray
 from ..geometry.se2 import wrap
 
+RING, INNER = 3, 1
+"""Beams of the outer and of the inner ring on each side of a beam."""
 _SLOPE_TOLERANCE = 0.1
 """Open: a slope is an outlier if it is this far [rad] from the median slope of its ring."""
 _JUMP = 0.5

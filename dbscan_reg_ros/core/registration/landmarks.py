@@ -6,8 +6,8 @@ two trunks gives the rotation and the translation.
 """
 import numpy as np
 
+from ..features.poles import find_small_objects
 from ..features.records import Features
-from ..features.small_objects import find_small_objects
 from ..geometry.array_types import ComplexArray, FloatArray
 from ..geometry.robust_kernel import kernel
 from ..geometry.se2 import as_vectors
@@ -20,8 +20,7 @@ from .scoring import distinct, within_gate
 
 def landmarks(features: Features, parameters: Parameters) -> ComplexArray:
     """Return the middles (complex [m]) of the nearest `selection.max_landmarks` small objects, nearest first."""
-    find = features.backend.step(find_small_objects)
-    objects = find(features, parameters.selection.landmark_size, parameters.segments)
+    objects = find_small_objects(features, parameters.selection.landmark_size, parameters.segments)
     nearest = order_up_to_rounding(objects.nearest)[:parameters.selection.max_landmarks]
     middles: ComplexArray = objects.middle[nearest]
     return middles

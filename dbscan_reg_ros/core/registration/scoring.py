@@ -9,7 +9,8 @@ import math
 import numpy as np
 
 from ..features.free_space import FreeSpaceProfile, in_front
-from ..features.oriented_points import OrientedPoints, sample
+from ..features.oriented_points import OrientedPoints
+from ..features.points import sample
 from ..features.records import Features
 from ..geometry.array_types import BoolArray, FloatArray
 from ..geometry.se2 import unit_complex, wrap

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..features.oriented_points import OrientedPoints, sample
+from ..features.oriented_points import OrientedPoints
+from ..features.points import sample
 from ..geometry.array_types import FloatArray
 from ..geometry.se2 import DOF
 from ..geometry.tolerance import TINY, order_up_to_rounding

@@ -7,7 +7,7 @@ import pytest
 from accelerated_inputs import SIZES, assert_same, oriented_points
 
 from dbscan_reg_ros import Parameters
-from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
+from dbscan_reg_ros.core.features.tables import build_likelihood_field
 from dbscan_reg_ros.core.registration.point_to_line import fit
 
 DENSITY = Parameters().density

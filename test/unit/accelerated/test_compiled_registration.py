@@ -10,7 +10,7 @@ from accelerated_inputs import SIZES, assert_same, oriented_points, ranges, segm
 from dbscan_reg_ros import SE2, Parameters, Scan, extract_features, register
 from dbscan_reg_ros.backend_choice import reference_settings
 from dbscan_reg_ros.core.backend import REFERENCE
-from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
+from dbscan_reg_ros.core.features.tables import build_likelihood_field
 from dbscan_reg_ros.core.registration.confidence.evidence import collect_evidence
 from dbscan_reg_ros.core.registration.confidence.model import log_odds
 from dbscan_reg_ros.core.registration.degeneracy import search_degenerate_direction

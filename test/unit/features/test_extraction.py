@@ -8,10 +8,10 @@ from rooms import DEGREE, FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import Parameters, Scan, ScanError, ScanGeometry
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.features.normals import estimate_normals
-from dbscan_reg_ros.core.features.point_sequence import PointSequence, find_breaks
-from dbscan_reg_ros.core.features.range_noise import estimate_noise
+from dbscan_reg_ros.core.features.noise import estimate_noise
+from dbscan_reg_ros.core.features.point_sequence import PointSequence
 from dbscan_reg_ros.core.features.returns import admitted_returns
+from dbscan_reg_ros.core.features.surfaces import estimate_normals, find_breaks
 from dbscan_reg_ros.core.geometry.line_fit import summed_moments
 from dbscan_reg_ros.core.geometry.se2 import as_complex, as_vectors
 from dbscan_reg_ros.core.parameters.features import ScanParameters, SegmentParameters

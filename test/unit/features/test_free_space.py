@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from dbscan_reg_ros.core.features.free_space import build_free_space_profile, in_front
+from dbscan_reg_ros.core.features.free_space import in_front
+from dbscan_reg_ros.core.features.tables import build_free_space_profile
 
 
 def circle(ranges, known=slice(None)):

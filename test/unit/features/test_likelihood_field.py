@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
+from dbscan_reg_ros.core.features.tables import build_likelihood_field
 from dbscan_reg_ros.core.parameters.registration import DensityParameters
 
 PARAMETERS = DensityParameters()

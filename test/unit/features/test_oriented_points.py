@@ -5,13 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from dbscan_reg_ros.core.features.oriented_points import (
-    OrientedPoints,
-    build_oriented_points,
-    high_leverage,
-    leverage,
-    sample,
-)
+from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
+from dbscan_reg_ros.core.features.points import build_oriented_points, high_leverage, leverage, sample
 
 
 def drawn(count, seed=0):

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.models.covariance import (
-    CovariancePropagation,
-    PoseMeasurement,
-    coordinate_covariance,
-)
+from dbscan_reg_ros.core.odometry.models.covariance import CovariancePropagation, PoseMeasurement, coordinate_covariance
 from dbscan_reg_ros.core.registration.records import Prior
 
 STEP, INTERVAL = SE2(0.2, 0.05, 0.3), 0.1

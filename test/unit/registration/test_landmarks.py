@@ -9,7 +9,7 @@ from benchmarks.odometry.courses import simulated, wood
 
 from dbscan_reg_ros import SE2, Parameters, Prior
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.features.small_objects import find_small_objects
+from dbscan_reg_ros.core.features.poles import find_small_objects
 from dbscan_reg_ros.core.registration.landmarks import landmark_motions
 from dbscan_reg_ros.core.registration.pipeline import register
 from dbscan_reg_ros.core.registration.search import SearchStage

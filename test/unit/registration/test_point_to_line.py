@@ -7,8 +7,8 @@ import pytest
 from l_room import DENSITY, END, START, features, fitted, rows
 
 from dbscan_reg_ros import SE2, Parameters
-from dbscan_reg_ros.core.features.likelihood_field import build_likelihood_field
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
+from dbscan_reg_ros.core.features.tables import build_likelihood_field
 from dbscan_reg_ros.core.geometry.symmetric_matrix import solve
 from dbscan_reg_ros.core.registration.point_to_line import (
     Alignment,

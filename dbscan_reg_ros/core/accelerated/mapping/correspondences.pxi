@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Robust alignment of a scan with all key frames, as `core.odometry.mapping.correspondences`."""
+"""Robust alignment of a scan with all key frames."""
 
 
 cdef int weigh(const double[:, ::1] rows, const Py_ssize_t[::1] index, Py_ssize_t points, given, double *step,

@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dynamic points and movable objects, as `core.odometry.mapping.dynamic_points`."""
+"""Dynamic points (people, doors, robots), which lie in free space of key frames, and movable objects."""
+
+# If more than this fraction of a group of neighbouring points lie in free space, all its points are dynamic.
+cdef double MIN_RUN_RATIO = 0.3
+# If at least this fraction of the static points of a scan would be dynamic, only points in free space are.
+cdef double MAX_SCAN_RATIO = 0.4
+# If at least this fraction of the static points lie in free space, the pose is wrong and no point is dynamic.
+cdef double MAX_FREE_SPACE_RATIO = 0.2
 
 
 def dynamic_points(points, pose, free_space, double margin, const unsigned char[::1] static):
@@ -39,7 +46,7 @@ def dynamic_points(points, pose, free_space, double margin, const unsigned char[
         judged = size
     dynamic = in_free_space.copy()
     cdef unsigned char[::1] moves = dynamic
-    cdef double least = dynamic_steps._MIN_RUN_RATIO
+    cdef double least = MIN_RUN_RATIO
     with nogil:
         while start < size:
             end, inside = start, 0
@@ -52,9 +59,9 @@ def dynamic_points(points, pose, free_space, double margin, const unsigned char[
                     total += moves[k]
                     judged_free += flag[k]
             start = end
-    if <double> total / judged < dynamic_steps._MAX_SCAN_RATIO:
+    if <double> total / judged < MAX_SCAN_RATIO:
         return dynamic
-    few = <double> judged_free / judged < dynamic_steps._MAX_FREE_SPACE_RATIO
+    few = <double> judged_free / judged < MAX_FREE_SPACE_RATIO
     return in_free_space if few else np.zeros_like(in_free_space)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Points of older key frames for the local map, as `core.odometry.mapping.local_map`."""
+"""Local map: the points of the latest key frame and the points of older key frames in its surroundings."""
 
 
 def older_map_points(older, latest, density):
@@ -56,7 +56,8 @@ def newest_in_cell(const double complex[::1] points, const Py_ssize_t[::1] age_r
     cdef Py_ssize_t[::1] newest = np.full(slots, -1, np.intp), home = np.empty(max(size, 1), np.intp)
     kept = np.empty(size, dtype=bool)
     cdef unsigned char[::1] flag = kept
-    cdef double row = local_map_steps._ROW
+    # Cells per row of the map: larger than any map, so that each cell has a unique index.
+    cdef double row = 2.0 ** 26
     with nogil:
         for k in range(latest.shape[0]):
             slot = slot_of(key, newest, rint(latest[k].real / cell_size) * row + rint(latest[k].imag / cell_size))

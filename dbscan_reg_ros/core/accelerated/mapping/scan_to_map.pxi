@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scan-to-map alignment, as `core.odometry.mapping.scan_to_map`."""
+"""Scan-to-map alignment: registers a scan to all key frames at once, and estimates covariance and observability."""
+
+# A direction is well constrained if its information is at least this fraction of the information across it.
+cdef double WELL_CONSTRAINED = 0.02
+# If the points move by more than this ratio of the cell size on average, correspondences are looked up again.
+cdef double MAX_DISPLACEMENT = 0.25
 
 
 def align_to_map(window, features, initial, prior, p, coarse=None):
@@ -34,13 +39,13 @@ def align_to_map(window, features, initial, prior, p, coarse=None):
     pose = prior.pose if initial.rotation_unobservable else initial.pose
     found = find_correspondences(coarse, pose, points, direction, p)
     if direction is not None or initial.rotation_unobservable:
-        information = map_steps._strengthened(information, features, found, initial, p)
+        information = map_steps.strengthened(information, features, found, initial, p)
     prior = PosePrior(prior.pose, information)
     pose = align(found, pose, prior, scales[:last], damping)
     # The nearest lines of dense points change with small steps, those of sparse points hardly.
     cell = p.density.cell_size
     if (coarse is not window or len(points) > p.density.max_points
-            or displacement(found, pose) > map_steps._MAX_DISPLACEMENT * cell):
+            or displacement(found, pose) > MAX_DISPLACEMENT * cell):
         own, found = found, find_correspondences(window, pose, points, direction, p)
         if coarse is not window:
             found = weighted_by_agreement(found, own, window.is_in(coarse), p.refinement.map_first_scale, noise)
@@ -67,7 +72,7 @@ cdef find_correspondences(window, pose, points, direction, p):
     write_equations(&sums, &information[0, 0])
     if direction is None:
         read_weakest(information, &weakest)
-        if weakest.weak >= map_steps._WELL_CONSTRAINED * weakest.strong:
+        if weakest.weak >= WELL_CONSTRAINED * weakest.strong:
             return found
         direction = weakest.angle
     angle = direction
@@ -89,7 +94,7 @@ def look_up_correspondences(window, pose, points, density):
     subsets; each subset is looked up in several key frames, and each key frame looks up one.
     """
     lookup = points_by_frame(high_leverage(points.normals), points.beams, len(window.frames),
-                             density.max_points // window_steps._SUBSETS)
+                             density.max_points // SUBSETS)
     frame, index, turned_points, lines, error = look_up_pairs(window.fields, window.poses, pose, points, lookup,
                                                               density.min_normal_cosine)
     cdef const double complex[::1] rotated_point = turned_points, normal = lines

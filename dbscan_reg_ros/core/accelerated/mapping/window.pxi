@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Look-up of points in all key frames at once, as `core.odometry.mapping.key_frame_window`."""
+"""Look-up of points in all key frames at once."""
+
+# Each point is looked up in at least this many key frames.
+cdef Py_ssize_t MIN_FRAMES_PER_POINT = 3
+# The size of a subset is about `density.max_points` divided by this number.
+cdef Py_ssize_t SUBSETS = 3
 
 
 cdef class FieldTables:
@@ -225,7 +230,7 @@ def points_by_frame(const unsigned char[::1] in_every_frame, const Py_ssize_t[::
     for i in range(size):
         others += not in_every_frame[i]
     always = size - others
-    subsets = max(min(frame_count // window_steps._MIN_FRAMES_PER_POINT, (others + subset_size - 1) // subset_size), 1)
+    subsets = max(min(frame_count // MIN_FRAMES_PER_POINT, (others + subset_size - 1) // subset_size), 1)
     cdef Py_ssize_t[::1] count = np.zeros(subsets, np.intp)
     for i in range(size):
         if not in_every_frame[i]:

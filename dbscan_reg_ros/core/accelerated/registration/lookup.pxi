@@ -147,13 +147,3 @@ cdef PointViews views_of(oriented):
     if views is None:
         views = kept['compiled_views'] = PointViews(oriented)
     return <PointViews> views
-
-
-cdef const double[::1] ones = np.ones(4096)
-
-
-cdef const double[::1] given_or_ones(values, Py_ssize_t size):
-    """Return the values of P points; where they are None as many ones."""
-    if values is not None:
-        return values
-    return ones[:size] if size <= ones.shape[0] else np.ones(size)

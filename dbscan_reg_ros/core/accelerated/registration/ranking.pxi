@@ -91,7 +91,7 @@ cdef double[:, ::1] rank_coarsely(Comparison comparison, candidates, points):
         if len(others) > p.selection.preselected:
             others = scoring_steps.preselect(others, points, problem.reference.free_space, p.selection, p.density)
         return improved(comparison, table_of(np.concatenate((exempt, others))), comparison.own, scales, False)
-    cdef PointViews some = views_of(oriented_steps.sample(points, p.selection.preselection_points))
+    cdef PointViews some = views_of(sample(points, p.selection.preselection_points))
     cdef double[:, ::1] coarse = table_of(candidates.joined())
     coarse = supported(comparison, coarse, some, p.refinement.coarse_scale, p.selection.min_support_ratio)
     coarse = improved(comparison, coarse, some, scales, False)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...accelerated.steps import align_to_map, alignment_uncertainty
 from ...features.records import Features
 from ...geometry.array_types import FloatArray
 from ...geometry.se2 import DOF, SE2
@@ -14,7 +15,7 @@ from ...registration.pipeline import register, register_within_gate
 from ...registration.records import Prior, Status
 from ..mapping.correspondences import PosePrior
 from ..mapping.key_frame_window import KeyFrameWindow
-from ..mapping.scan_to_map import InitialAlignment, align_to_map, alignment_uncertainty
+from ..mapping.scan_to_map import InitialAlignment
 from ..references import degenerate_direction, predicted_along_degenerate
 
 
@@ -76,9 +77,8 @@ def locate(features: Features, window: KeyFrameWindow, predicted: SE2 | None, p:
         pose = predicted_along_degenerate(frame, registration, predicted)
     initial = InitialAlignment(
         pose, degenerate_direction(frame, registration), registration.rotation_unobservable)
-    step = features.backend.step
-    pose, correspondences = step(align_to_map)(window, features, initial, PosePrior(pose, np.zeros((DOF, DOF))), p)
-    covariance, observed = step(alignment_uncertainty)(features, pose, correspondences, initial, p)
+    pose, correspondences = align_to_map(window, features, initial, PosePrior(pose, np.zeros((DOF, DOF))), p)
+    covariance, observed = alignment_uncertainty(features, pose, correspondences, initial, p)
     angle = observed.angle if observed.weak < p.decision.min_information else initial.direction
     if angle is not None:
         angle -= pose.theta

@@ -1,29 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scan-to-map alignment: registers a scan to all key frames at once, and estimates covariance and observability."""
+"""What the points of a scan that is aligned with the map constrain."""
 import cmath
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...features.records import Features
-from ...geometry.se2 import DOF, SE2, turned
+from ...geometry.se2 import DOF, SE2
 from ...geometry.tolerance import TINY
 from ...parameters.tree import Parameters
-from ...registration.degeneracy import is_corridor_like, weakest_direction, without_near_parallel
 from ...registration.point_to_line import NO_STEP, normal_equations, shared_information
-from ...registration.uncertainty import (
-    Observability,
-    Residuals,
-    degenerate_rotation,
-    degenerate_translation,
-    match_covariance,
-    own_jacobian,
-    parallel_motion,
-)
-from .correspondences import Correspondences, PosePrior, align, weighted_by_agreement
-from .key_frame_window import KeyFrameWindow
+from ...registration.uncertainty import degenerate_rotation, degenerate_translation, own_jacobian
+from .correspondences import Correspondences
 
 
 class InitialAlignment(NamedTuple):
@@ -44,71 +33,7 @@ class InitialAlignment(NamedTuple):
     rotation_unobservable: bool = False
 
 
-def align_to_map(window: KeyFrameWindow, features: Features, initial: InitialAlignment, prior: PosePrior,
-                 p: Parameters, coarse: KeyFrameWindow | None = None) -> tuple[SE2, Correspondences]:
-    """Align a scan with all key frames of the window.
-
-    Parameters
-    ----------
-    window : KeyFrameWindow
-    features : Features
-        Features of the scan.
-    initial : InitialAlignment
-        Result of the registration. If its rotation is unobservable, the alignment starts at the pose of the prior.
-    prior : PosePrior
-        Its information is in the frame of the scan [1/m^2, 1/rad^2], and zero if it contradicts `initial`.
-    p : Parameters
-    coarse : KeyFrameWindow, optional
-        Key frames with which all iterations but the last align the scan; None: those of `window`. In the last
-        iteration the others have the weights of `weighted_by_agreement`.
-
-    Returns
-    -------
-    pose : SE2
-        Pose of the scan in the odometry frame.
-    correspondences : Correspondences
-    """
-    coarse = coarse or window
-    scales, damping = p.refinement.window_scales(features.noise), p.refinement.damping
-    noise = max(p.refinement.map_scale, features.noise)
-    information = noise ** 2 * turned(prior.information, prior.pose.theta)
-    pose = prior.pose if initial.rotation_unobservable else initial.pose
-    correspondences = _correspondences(coarse, pose, features, initial.direction, p)
-    if initial.direction is not None or initial.rotation_unobservable:
-        information = _strengthened(information, features, correspondences, initial, p)
-    prior = PosePrior(prior.pose, information)
-    pose = align(correspondences, pose, prior, scales[:-1], damping)
-    # The nearest lines of dense points change with small steps, those of sparse points hardly.
-    is_dense = len(features.oriented_points) > p.density.max_points
-    if (coarse is not window or is_dense
-            or correspondences.mean_displacement(pose) > _MAX_DISPLACEMENT * p.density.cell_size):
-        own, correspondences = correspondences, _correspondences(window, pose, features, initial.direction, p)
-        if coarse is not window:
-            correspondences = weighted_by_agreement(
-                correspondences, own, window.is_in(coarse), p.refinement.map_first_scale, noise)
-    return align(correspondences, pose, prior, scales[-1:], damping), correspondences
-
-
-def _correspondences(window: KeyFrameWindow, pose: SE2, features: Features, direction: float | None,
-                     p: Parameters) -> Correspondences:
-    """Look up correspondences; near-parallel walls count as parallel to the degenerate `direction` [rad].
-
-    If `direction` is None, the least constrained direction is used instead, if it is weakly constrained.
-    """
-    correspondences = window.correspondences(pose, features.oriented_points, p.density)
-    information = correspondences.equations(NO_STEP, p.refinement.map_first_scale)[:DOF, :DOF]
-    if direction is None:
-        direction, weak, strong = weakest_direction(information)
-        if weak >= _WELL_CONSTRAINED * strong:
-            return correspondences
-    if not is_corridor_like(information, direction):
-        return correspondences
-    motion = parallel_motion(direction, information, p.decision)
-    rows = without_near_parallel(correspondences.rows, motion, p.degeneracy.parallel_tolerance)
-    return replace(correspondences, rows=rows)
-
-
-def _strengthened(information: NDArray[np.float64], features: Features, correspondences: Correspondences,
+def strengthened(information: NDArray[np.float64], features: Features, correspondences: Correspondences,
                   initial: InitialAlignment, p: Parameters) -> NDArray[np.float64]:
     """Strengthen the prior's `information` ``(3, 3)`` along degenerate motions.
 
@@ -129,24 +54,6 @@ def _strengthened(information: NDArray[np.float64], features: Features, correspo
         added = gradient[:, None] * gradient
         strengthened = strengthened + max(ratio - 1.0, 0.0) / max(float(motion @ gradient), TINY) * added
     return strengthened
-
-
-def alignment_uncertainty(features: Features, pose: SE2, correspondences: Correspondences, initial: InitialAlignment,
-                          p: Parameters) -> tuple[NDArray[np.float64], Observability]:
-    """Estimate covariance and observability of a scan aligned at `pose`.
-
-    Returns
-    -------
-    covariance : (3, 3) float
-        Covariance in the frame of the scan [m, m, rad].
-    observability : Observability
-        Observability; its direction is in the odometry frame.
-    """
-    error, weight = correspondences.match(correspondences.step(pose), p.refinement.score_scale)
-    own = _own_jacobian(features, pose, correspondences)
-    residuals = Residuals(error, weight, correspondences.rows[:DOF], own, features.noise)
-    return match_covariance(
-        residuals, p.decision, pose.theta, initial.direction is not None, initial.rotation_unobservable)
 
 
 def information_along(features: Features, pose: SE2, angle: float, p: Parameters) -> NDArray[np.float64]:
@@ -180,9 +87,5 @@ def _own_jacobian(features: Features, pose: SE2, correspondences: Correspondence
     return own_jacobian(normals, pose.theta, correspondences.rotated_points)
 
 
-_WELL_CONSTRAINED = 0.02
-"""A direction is well constrained if its information is at least this fraction of the information across it."""
-_MAX_DISPLACEMENT = 0.25
-"""If the points move by more than this ratio of the cell size on average, correspondences are looked up again."""
 _MIN_SHARED_RATIO = 1e-3
 """At least this fraction of the points' information is assumed to be shared by both scans."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...backend import REFERENCE, Backend
+from ...accelerated.steps import propagate_errors
 from ...geometry.se2 import DOF, SE2
 from ...registration.records import Prior
 
@@ -97,15 +97,15 @@ class CovariancePropagation:
         self.start_key_frame()
         self.reset_twist()
 
-    def propagate(self, step: SE2, interval: float, prior: Prior, measurement: PoseMeasurement = NO_MEASUREMENT,
-                  backend: Backend = REFERENCE) -> None:
+    def propagate(self, step: SE2, interval: float, prior: Prior,
+                  measurement: PoseMeasurement = NO_MEASUREMENT) -> None:
         """Propagate all covariances over a `step`; arguments as for `propagate_errors`.
 
         An `interval` of 0 resets the twist. If it is negative, because the scan is older than the state, its absolute
         value is used.
         """
         interval = abs(interval)
-        self._joint = backend.step(propagate_errors)(self._joint, step, interval, prior, measurement)
+        self._joint = propagate_errors(self._joint, step, interval, prior, measurement)
         if self.unobserved.any():
             adjoint = step.inverse().adjoint()
             self.unobserved = adjoint @ self.unobserved @ adjoint.T
@@ -140,51 +140,6 @@ def coordinate_covariance(covariance: NDArray[np.float64]) -> NDArray[np.float64
     bend = np.array(((yy * tt + 2.0 * yt * yt, across, 0.0), (across, xx * tt + 2.0 * xt * xt, 0.0), (0.0, 0.0, 0.0)))
     result: NDArray[np.float64] = covariance + bend / 2 ** 2
     return result
-
-
-def propagate_errors(joint: NDArray[np.float64], step: SE2, interval: float, prior: Prior,
-                     measurement: PoseMeasurement) -> NDArray[np.float64]:
-    """Propagate the joint covariance of pose, pose relative to the latest key frame, and twist over a `step`.
-
-    Parameters
-    ----------
-    joint : (9, 9) array
-    step : SE2
-        Motion since the last scan, in the last scan's frame.
-    interval : float [s]
-        Time since the last scan; 0 where unknown.
-    prior : Prior
-        The predicted step.
-    measurement : PoseMeasurement
-
-    Returns
-    -------
-    (9, 9) array
-    """
-    gain = measurement.gain
-    rate = 1.0 / interval if interval > 0.0 else 0.0
-    prediction_gain, adjoint = np.eye(DOF) - gain, step.inverse().adjoint()
-    change = prior.covariance if prior.velocity_change is None else prior.velocity_change
-    errors = np.zeros((_MEASUREMENT.stop, _MEASUREMENT.stop))
-    errors[:_TWIST.stop, :_TWIST.stop] = joint
-    errors[_TWIST_CHANGE, _TWIST_CHANGE] = change
-    errors[_PREDICTION, _PREDICTION] = prior.covariance - change
-    errors[_MEASUREMENT, _MEASUREMENT] = measurement.covariance
-    # Their effect on the error of the step. The measurement removes the error made since the key frame.
-    effect = np.zeros((DOF, len(errors)))
-    effect[:, _SINCE_KEY_FRAME] = -gain @ adjoint
-    effect[:, _TWIST_CHANGE] = effect[:, _PREDICTION] = prediction_gain
-    effect[:, _MEASUREMENT] = gain
-    if prior.velocity_change is not None:
-        # The variance of the twist stays below that of `reset_twist`: old errors fade as new ones are added.
-        fading = np.sqrt(np.maximum(1.0 - rate * rate * change.diagonal(), 0.0))
-        effect[:, _TWIST] = interval * fading * prediction_gain
-    transition = np.concatenate((effect, effect, rate * effect))
-    transition[_POSE, _POSE] += adjoint
-    transition[_SINCE_KEY_FRAME, _SINCE_KEY_FRAME] += adjoint
-    transition[_TWIST, _PREDICTION] = 0.0
-    propagated: NDArray[np.float64] = transition @ errors @ transition.T
-    return propagated
 
 
 def twist_variance(variance: NDArray[np.float64], last: NDArray[np.float64], twist: NDArray[np.float64], time: float,

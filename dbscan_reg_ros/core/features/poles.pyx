@@ -1,9 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small objects of a scan, as `core.features.small_objects`."""
+# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+"""Small objects of a scan, and poles: small objects without normals, such as chair legs and tree trunks."""
+import dataclasses
+import math
+
+import numpy as np
+
+from ..geometry import tolerance
+from .oriented_points import OrientedPoints
+from .small_objects import SmallObjects
+from .surfaces import find_breaks
+
+from libc.math cimport fabs
+
+from ..geometry.plane cimport distance, modulus
+
+cdef double SIGMAS = tolerance.SIGMAS, TINY = tolerance.TINY
 
 
 cdef class BeamRing:
-    """Points in beam order that start at a break if the beams cover the full circle, as `small_objects._Ring`."""
+    """Points in beam order that start at a break if the beams cover the full circle."""
 
     cdef double complex[::1] points
     cdef Py_ssize_t[::1] beams
@@ -35,7 +51,7 @@ cdef class BeamRing:
                 self.broken[k] = breaks[at]
         if start:
             k = self.size - 1 - start
-            self.broken[k] = small_object_steps.find_breaks(
+            self.broken[k] = find_breaks(
                 np.asarray(self.points[k:k + 2]), np.asarray(self.beams[k:k + 2]),
                 features.scan.geometry.angle_increment, features.noise, parameters).item()
 
@@ -92,6 +108,11 @@ def find_small_objects(features, double size, parameters):
 def with_poles(features, double size, parameters):
     """Add the poles of a scan as oriented points on a circle around each pole, facing away from its centre.
 
+    A small object none of whose points has a normal is a pole. A point with a normal constrains the motion across its
+    surface; a pole constrains it in every direction. A pole is assumed to be round and as wide as its beams, at most
+    `size`. The weights of the points that represent a pole add up to twice the weight of the pole's returns, as if each
+    return lay on two surfaces.
+
     Parameters
     ----------
     features : Features
@@ -112,7 +133,28 @@ def with_poles(features, double size, parameters):
     else:
         return features
     objects = find_small_objects(features, size, parameters)
-    return small_object_steps.with_poles_at(features, objects, size) if objects.without_normals.any() else features
+    return with_poles_at(features, objects, size) if objects.without_normals.any() else features
+
+
+_POINTS = 8
+"""Number of oriented points around a pole."""
+_AROUND = np.exp(2j * np.pi * np.arange(_POINTS) / _POINTS)
+"""Directions from the centre of a pole to its oriented points, the first one towards the sensor."""
+_SURFACES = 2.0
+"""Weight of a return from a pole relative to a return from a wall: a pole constrains the motion along two axes."""
+
+
+def with_poles_at(features, objects, double size):
+    """Add those of the `objects` as poles that have no normals; poles are at most as wide as a `size` [m]."""
+    poles = objects.without_normals.nonzero()[0]
+    front, width = objects.front[poles], objects.width[poles]
+    half = np.minimum(0.5 * width, 0.5 * size)
+    towards = -front / np.maximum(np.abs(front), TINY)
+    normals = towards[:, None] * _AROUND
+    points = (front - half * towards)[:, None] + half[:, None] * normals
+    weights = np.minimum(_SURFACES * objects.returns[poles] / _POINTS, 1.0)
+    return dataclasses.replace(features, poles=OrientedPoints(
+        points.ravel(), normals.ravel(), objects.beam[poles].repeat(_POINTS), weights.repeat(_POINTS)))
 
 
 cdef inline Py_ssize_t modulo(Py_ssize_t number, Py_ssize_t of) noexcept nogil:

@@ -1,5 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Likelihood field of a scan (Eq. 16-18), as `core.features.likelihood_field`."""
+# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+"""Tables of a scan as a reference: its likelihood field (Eq. 16-18) and its free-space profile."""
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from ..geometry import tolerance
+from .free_space import FreeSpaceProfile
+from .likelihood_field import LikelihoodField
+
+from libc.math cimport INFINITY, M_PI, fabs, rint
+
+from ..geometry.ordering cimport bisect_right, sort_stably
+from ..geometry.plane cimport cross, distance, dot, length_of
+
+cdef double TINY = tolerance.TINY
 
 ctypedef fused Number:
     short
@@ -47,20 +63,37 @@ def build_likelihood_field(oriented, parameters):
                            normals=lines, offsets=numbers[0], along=numbers[1], extents=numbers[2])
 
 
+_QUARTER = 0.25 + 0.26j
+_QUARTERS = np.array((-_QUARTER, -_QUARTER.conjugate(), _QUARTER.conjugate(), _QUARTER))
+"""Points near the middles of the quarters of a cell, in cells; off the diagonals, where rows and columns would tie."""
+
+
 @lru_cache(maxsize=2)
 def disc_ranks(radius):
     """Return ``(4, side, width)``: the rank of each cell of a disc, from far to near, for each quarter.
 
-    The ranks are the places in `core.features.likelihood_field._disc`, and -1 outside the disc. The rows are padded to
-    whole vectors.
+    The ranks are the places in `_disc`, and -1 outside the disc. The rows are padded to whole vectors.
     """
-    rows, columns = likelihood_field_steps._disc(radius)
+    rows, columns = _disc(radius)
     reach, order = math.ceil(radius), np.arange(len(rows))
     kind = np.short if len(rows) <= np.iinfo(np.short).max else np.intc
     ranks = np.full((4, 2 * reach + 1, (2 * reach + 8) // 8 * 8), -1, kind)
     for quarter in range(4):
         ranks[quarter, rows[:, quarter] + reach, columns[:, quarter] + reach] = order
     return ranks
+
+
+def _disc(radius):
+    """Return row and column offsets ``(K, 4)`` of the cells of a disc with a `radius` in cells, from far to near.
+
+    Each column is sorted by the distance from a point in one quarter of the middle cell (`_QUARTERS`).
+    """
+    reach = math.ceil(radius)
+    side = np.arange(-reach, reach + 1)
+    row, column = np.nonzero(side[:, None] ** 2 + side ** 2 <= radius * radius)
+    row, column = side[row, None], side[column, None]
+    order = np.argsort(-((row - _QUARTERS.real) ** 2 + (column - _QUARTERS.imag) ** 2), axis=0, kind='stable')
+    return row[order, 0], column[order, 0]
 
 
 cdef nearest_points(const double complex[::1] points, double complex origin, double cell, shape,
@@ -129,3 +162,58 @@ cdef inline void write_disc(Number *number, Number *best, const Number *rank, Py
             number[k] = own if rank[k] >= best[k] else number[k]
             best[k] = rank[k] if rank[k] >= best[k] else best[k]
         number, best, rank = number + columns, best + columns, rank + width
+
+
+def build_free_space_profile(const double[:, ::1] points, double increment):
+    """Build the `FreeSpaceProfile` of a scan.
+
+    A bin has information when the beams next to both of its edges have a return, at most three increments apart.
+
+    Parameters
+    ----------
+    points : (P, 2) float
+        Filtered points in the frame of the sensor [m].
+    increment : float
+        Step from one beam to the next [rad].
+    """
+    cdef Py_ssize_t count = points.shape[0], k, b, before, after, next_before, next_after
+    cdef Py_ssize_t size = min(max(round(2.0 * math.pi / abs(increment)), _MIN_BINS), _MAX_BINS)
+    # By numpy: beams may lie on the edges of bins, where the last bit of another arctangent would decide.
+    cdef const double[::1] angle = np.arctan2(points[:, 1], points[:, 0])
+    cdef double[::1] radius = np.empty(count + 2), bearing = np.empty(count + 2)
+    cdef Py_ssize_t[::1] order = np.empty(count, np.intp), scratch = np.empty(count, np.intp)
+    cdef const double[::1] edges = _edges(size)
+    cdef double widest = 3.0 * max(fabs(increment), 2.0 * M_PI / size), low, high
+    profile = np.zeros((2, size))
+    cdef double[:, ::1] limits = profile
+    if not count:
+        raise IndexError('a scan without points')
+    with nogil:
+        sort_stably(angle, order, scratch)
+        for k in range(count):
+            bearing[k + 1], radius[k + 1] = angle[order[k]], length_of(points[order[k], 0], points[order[k], 1])
+        bearing[0], radius[0] = bearing[count] - 2.0 * M_PI, radius[count]
+        bearing[count + 1], radius[count + 1] = bearing[1] + 2.0 * M_PI, radius[1]
+        before = bisect_right(bearing, count + 2, edges[0]) - 1
+        for b in range(size):
+            next_before = before
+            while next_before + 1 < count + 2 and bearing[next_before + 1] <= edges[b + 1]:
+                next_before += 1
+            next_after = next_before + (bearing[next_before] < edges[b + 1])
+            if bearing[next_after] - bearing[before] < widest:
+                low = high = radius[next_after]
+                for k in range(before, next_before + 1):
+                    low, high = min(low, radius[k]), max(high, radius[k])
+                limits[0, b], limits[1, b] = low, high
+            before = next_before
+    return FreeSpaceProfile(profile[0], profile[1])
+
+
+@lru_cache(maxsize=2)
+def _edges(size):
+    """Return the bearings [rad] of the edges of `size` bins of the full circle."""
+    return np.arange(size + 1, dtype=float) * (2.0 * math.pi / size) - math.pi
+
+
+_MIN_BINS, _MAX_BINS = 60, 2880
+"""Least and greatest number of bins of a free-space profile."""

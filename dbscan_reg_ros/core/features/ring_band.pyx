@@ -1,5 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ring band filter (section 2.1, Eq. 3-4), as `core.features.ring_band`."""
+# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+"""Ring band filter: tests each beam against the ring of beams around it (section 2.1, Eq. 3-4)."""
+from enum import IntEnum
+
+import numpy as np
+
+from ..geometry import tolerance
+
+from libc.math cimport INFINITY, NAN, fabs, isfinite, isnan
+from libc.stdlib cimport labs
+
+from ..geometry.plane cimport cross, modulus
+
+cdef double SIGMAS = tolerance.SIGMAS
 
 cdef enum:
     # Beams of the outer and of the inner ring on each side; flags; outcomes.
@@ -12,6 +25,19 @@ cdef enum:
     REMOVED = 3
 
 
+class Outcome(IntEnum):
+    """Result of the ring band filter for a beam (the four regions of Figure 2)."""
+
+    KEPT = 0
+    """The beam is no outlier, or has no return."""
+    SMOOTHED = 1
+    """Noise: the point is replaced by the mean of the inner ring."""
+    CORNER = 2
+    """An outlier beside many other outliers: it is taken as a corner and kept as measured."""
+    REMOVED = 3
+    """Noise next to a corner, or a gross outlier: the point is removed."""
+
+
 cdef struct Ring:
     # Tolerance as a fraction of the range, and that by noise [m].
     double relative_tolerance
@@ -19,7 +45,10 @@ cdef struct Ring:
 
 
 def ring_band_filter(points, double noise, parameters):
-    """Filter the points of a scan by Eq. 4.
+    """Filter the points of a scan according to Eq. 4.
+
+    A beam is a candidate when it is an outlier in the ring around it; ``C1`` and ``C2`` count the outliers in the inner
+    (3 beams) and the outer (7 beams) ring around a candidate, the candidate included.
 
     Parameters
     ----------
@@ -36,9 +65,9 @@ def ring_band_filter(points, double noise, parameters):
     outcome : (N,) int
         `Outcome` of each beam.
     """
-    if parameters.test != 'consensus' or len(points) <= 2 * INNER:
-        return ring_band_steps.ring_band_filter(points, noise, parameters)
     outcome = np.zeros(len(points), dtype=int)
+    if parameters.test == 'off' or len(points) <= 2 * INNER:
+        return points, outcome
     cdef const double[:, ::1] place = np.ascontiguousarray(points)
     cdef Ring ring = Ring(parameters.relative_tolerance, SIGMAS * noise)
     cdef Py_ssize_t inner_threshold = parameters.inner_threshold, outer_threshold = parameters.outer_threshold

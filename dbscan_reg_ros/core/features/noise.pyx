@@ -1,9 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Noise of the ranges of a scan, as `core.features.range_noise`."""
+# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+"""Noise of the ranges of a scan, and how it grows with the range."""
+import numpy as np
+
+from libc.math cimport fabs, sqrt
+
+from ..geometry.ordering cimport order_statistic, sort_stably
+from ..geometry.plane cimport cross, length_of
+
+cdef Py_ssize_t MIN_RANGES = 8
+# Quantile of the errors that gives the noise, and that of |N(0, 1)|.
+cdef double QUANTILE = 0.3, NORMAL = 0.38532
+# Errors are no noise if their quantile 0.7 exceeds this multiple of their quantile 0.3 (2.7 for |N(0, 1)|).
+cdef double MAX_SPREAD = 4.0
+# Points whose range noise [m] exceeds this get a smaller weight.
+cdef double TYPICAL = 0.05
+TYPICAL_NOISE = TYPICAL
 
 
 def estimate_noise(const double[::1] ranges, limits):
     """Estimate the standard deviation of a range [m] from second differences along the scan.
+
+    A low quantile of the differences is robust against corners, range jumps and a good part of outliers. The result is
+    clipped to the limits `noise_min` and `noise_max`.
 
     Parameters
     ----------
@@ -12,21 +31,26 @@ def estimate_noise(const double[::1] ranges, limits):
     limits : ScanParameters
     """
     cdef Py_ssize_t size = ranges.shape[0] - 2, k
-    if size + 2 < range_noise_steps._MIN_RANGES:
+    if size + 2 < MIN_RANGES:
         return limits.noise_max
     cdef double[::1] bend = np.empty(size)
-    cdef Py_ssize_t rank = int(range_noise_steps._NOISE_QUANTILE * size)
+    cdef Py_ssize_t rank = int(QUANTILE * size)
     cdef double found
     with nogil:
         for k in range(size):
             bend[k] = fabs(ranges[k + 1] - 0.5 * (ranges[k + 2] + ranges[k]))
         found = order_statistic(bend, size, rank)
-    return min(max(found / (range_noise_steps._NORMAL * sqrt(1.5)), limits.noise_min), limits.noise_max)
+    return min(max(found / (NORMAL * sqrt(1.5)), limits.noise_min), limits.noise_max)
 
 
 def estimate_noise_ratio(const double complex[::1] points, const double[::1] ranges, const Py_ssize_t[::1] beams,
                          limits):
     """Estimate the standard deviation of a range as a fraction of the range.
+
+    The error of a point is its distance, along its beam, from the line through its two neighbours; this holds for
+    straight walls at any angle and for uneven beams. The errors of the nearer and of the farther half of the points are
+    compared: the noise is taken as proportional to the range or as constant, whichever fits better. Errors that spread
+    more widely than noise come from clutter and outliers; the result is then 0.
 
     Parameters
     ----------
@@ -45,9 +69,8 @@ def estimate_noise_ratio(const double complex[::1] points, const double[::1] ran
     """
     errors, radii = np.empty(points.shape[0]), np.empty(points.shape[0])
     cdef Py_ssize_t size = errors_along_beams(points, ranges, beams, errors, radii), half = size // 2, k
-    if half < range_noise_steps._MIN_RANGES:
+    if half < MIN_RANGES:
         return 0.0
-    cdef double quantile = range_noise_steps._NOISE_QUANTILE
     cdef double[::1] error = errors, radius = radii, near = np.empty(half), far = np.empty(half)
     cdef Py_ssize_t[::1] order = np.empty(size, np.intp), scratch = np.empty(size, np.intp)
     cdef double near_noise, far_noise, far_high, near_range, far_range
@@ -56,14 +79,14 @@ def estimate_noise_ratio(const double complex[::1] points, const double[::1] ran
         for k in range(half):
             near[k], far[k] = error[order[k]], error[order[size - half + k]]
         near_range, far_range = radius[order[half // 2]], radius[order[size - half + half // 2]]
-        near_noise = order_statistic(near, half, <Py_ssize_t> (quantile * half))
-        far_noise = order_statistic(far, half, <Py_ssize_t> (quantile * half))
-        far_high = order_statistic(far, half, <Py_ssize_t> ((1.0 - quantile) * half))
+        near_noise = order_statistic(near, half, <Py_ssize_t> (QUANTILE * half))
+        far_noise = order_statistic(far, half, <Py_ssize_t> (QUANTILE * half))
+        far_high = order_statistic(far, half, <Py_ssize_t> ((1.0 - QUANTILE) * half))
     if far_noise * far_noise * near_range <= near_noise * near_noise * far_range:
         return 0.0
-    if far_high > range_noise_steps._MAX_SPREAD * far_noise:
+    if far_high > MAX_SPREAD * far_noise:
         return 0.0
-    return min(far_noise / far_range / range_noise_steps._NORMAL, limits.noise_ratio_max)
+    return min(far_noise / far_range / NORMAL, limits.noise_ratio_max)
 
 
 cdef Py_ssize_t errors_along_beams(const double complex[::1] points, const double[::1] ranges,
@@ -83,3 +106,24 @@ cdef Py_ssize_t errors_along_beams(const double complex[::1] points, const doubl
         radius[count] = middle
         count += 1
     return count
+
+
+def range_noise(const double[::1] radius, double noise, double ratio):
+    """Return the standard deviation ``(P,)`` of each range [m].
+
+    Parameters
+    ----------
+    radius : (P,) float
+        Ranges [m].
+    noise : float
+        Standard deviation of a range of the scan [m].
+    ratio : float
+        Standard deviation of a range as a fraction of the range. Where ``ratio * radius`` exceeds `TYPICAL_NOISE`, the
+        excess is added to `noise`.
+    """
+    cdef Py_ssize_t k
+    result = np.empty(radius.shape[0])
+    cdef double[::1] each = result
+    for k in range(radius.shape[0]):
+        each[k] = noise + max(ratio * radius[k] - TYPICAL, 0.0)
+    return result

@@ -1,5 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Line segments of a scan (section 2.2), as `core.features.segments`."""
+# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+"""Line segments of a scan: corners (Eq. 6), line fits (Eq. 7) and the kinds of their ends (section 2.2)."""
+import numpy as np
+
+from ..geometry import tolerance
+from .records import Segments
+
+from libc.math cimport atan2, fabs, sqrt
+from libc.stdlib cimport free, malloc
+
+from ..geometry.plane cimport Line, cross, distance, dot, fit_line, modulus
+
+cdef double TINY = tolerance.TINY, SAME = tolerance.SAME, SIGMAS = tolerance.SIGMAS
 
 cdef enum:
     KIND_CORNER = 0
@@ -7,11 +19,16 @@ cdef enum:
     KIND_OCCLUSION = 2
 
 
-cdef Py_ssize_t MIN_STEPS = segment_steps._MIN_STEPS, JOINS = segment_steps._JOINS
-cdef Py_ssize_t MAX_CORNER_POINTS = segment_steps._MAX_CORNER_POINTS
-cdef double MAX_BEND = segment_steps._MAX_BEND, MIN_CORNER_SINE = segment_steps._MIN_CORNER_SINE
-cdef double JOIN_ANGLE = segment_steps._JOIN_ANGLE, JOIN_ANGLE_NOISE = segment_steps._JOIN_ANGLE_NOISE
-cdef double MAX_JOIN_ANGLE = segment_steps._MAX_JOIN_ANGLE
+# Minimum number of steps from the first to the last point of a piece; passes in which neighbours are joined.
+cdef Py_ssize_t MIN_STEPS = 2, JOINS = 2
+# Two segments can meet in a corner only if the second starts at most this many points after the end of the first, and
+# the sine of the angle between them is at least this.
+cdef Py_ssize_t MAX_CORNER_POINTS = 3
+cdef double MIN_CORNER_SINE = 0.3
+# Root mean square distance from the line, as a fraction of the length, above which a segment is dropped.
+cdef double MAX_BEND = 0.15
+# Neighbouring pieces are joined up to this angle [rad]: base value, growth with noise / length, upper limit.
+cdef double JOIN_ANGLE = 0.05, JOIN_ANGLE_NOISE = 6.0, MAX_JOIN_ANGLE = 0.25
 
 
 cdef struct Piece:

@@ -1,8 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Order statistics and stable sorting."""
+# cython: language_level=3, wraparound=False, cdivision=True
+"""Order statistics, stable sorting, and choices that rounding errors do not decide (`tolerance`)."""
+from libc.math cimport INFINITY, fabs
 
 
-cdef double order_statistic(double[::1] values, Py_ssize_t size, Py_ssize_t rank) except? -1.0 nogil:
+cdef enum:
+    # The inverse of `tolerance.ROUNDING`.
+    INVERSE_ROUNDING = 100_000_000_000
+
+
+cdef inline double order_statistic(double[::1] values, Py_ssize_t size, Py_ssize_t rank) except? -1.0 nogil:
     """Return the value with a `rank` among the first `size` values, which are reordered (Hoare's selection)."""
     cdef Py_ssize_t low = 0, high = size - 1, i, j
     cdef double pivot
@@ -25,7 +32,7 @@ cdef double order_statistic(double[::1] values, Py_ssize_t size, Py_ssize_t rank
     return values[rank]
 
 
-cdef int sort_stably(const double[::1] keys, Py_ssize_t[::1] order, Py_ssize_t[::1] scratch) except -1 nogil:
+cdef inline int sort_stably(const double[::1] keys, Py_ssize_t[::1] order, Py_ssize_t[::1] scratch) except -1 nogil:
     """Write the stable ascending order of the `keys` to `order` (merge sort, bottom up)."""
     cdef Py_ssize_t size = keys.shape[0], width = 1, k, i, j, middle, end, start
     for k in range(size):
@@ -56,10 +63,10 @@ cdef int sort_stably(const double[::1] keys, Py_ssize_t[::1] order, Py_ssize_t[:
 
 cdef inline bint is_larger(double value, double other) noexcept nogil:
     """Whether more than rounding makes a value larger than another."""
-    return value - other > ROUNDING * max(fabs(value), fabs(other))
+    return value - other > max(fabs(value), fabs(other)) / <double> INVERSE_ROUNDING
 
 
-cdef int sort_up_to_rounding(const double[::1] keys, Py_ssize_t[::1] order, Py_ssize_t[::1] scratch) except -1 nogil:
+cdef inline int sort_up_to_rounding(const double[::1] keys, Py_ssize_t[::1] order, Py_ssize_t[::1] scratch) except -1 nogil:
     """Write the ascending order of the keys, of equal ones by index, as `tolerance.order_up_to_rounding`."""
     cdef Py_ssize_t size = keys.shape[0], k, at, moved
     sort_stably(keys, order, scratch)
@@ -77,14 +84,14 @@ cdef int sort_up_to_rounding(const double[::1] keys, Py_ssize_t[::1] order, Py_s
     return 0
 
 
-cdef Py_ssize_t first_largest(const double[::1] values) except -1 nogil:
+cdef inline Py_ssize_t first_largest(const double[::1] values) except -1 nogil:
     """Return the index of the first value that only rounding makes less than the largest, as in `tolerance`."""
     cdef Py_ssize_t k
     cdef double largest = -INFINITY
     for k in range(values.shape[0]):
         largest = max(largest, values[k])
     for k in range(values.shape[0]):
-        if values[k] >= largest - ROUNDING * fabs(largest):
+        if values[k] >= largest - fabs(largest) / <double> INVERSE_ROUNDING:
             return k
     return 0
 

@@ -1,5 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Features of a scan whose returns are selected, as `core.features.extraction`."""
+# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+"""Features of a scan whose returns are selected (sections 2.1 and 2.2)."""
+import numpy as np
+
+from ..errors import ScanError
+from .noise import estimate_noise, range_noise
+from .records import Features
+from .ring_band import ring_band_filter
+from .segments import extract_segments
+from .surfaces import estimate_normals, point_sequence
+
+from libc.math cimport isfinite
+
+from ..geometry.plane cimport length_of
 
 
 def extract_from_returns(returns, parameters, noise_ratio=None):
@@ -16,8 +29,8 @@ def extract_from_returns(returns, parameters, noise_ratio=None):
     if len(points) < np.count_nonzero(returns.valid):
         left = min(noise, <double> estimate_noise(radii, limits))
     sequence = point_sequence(positions, beams, scan.geometry.angle_increment, left, parameters.segments)
-    normals = estimate_normals(sequence, noise_by_range(radii, left, ratio), parameters.segments)
-    segments = extract_segments(sequence, noise_by_range(radii, noise, ratio), parameters.segments)
+    normals = estimate_normals(sequence, range_noise(radii, left, ratio), parameters.segments)
+    segments = extract_segments(sequence, range_noise(radii, noise, ratio), parameters.segments)
     if sequence.increment < 0.0:
         segments = segments.reversed()
     return Features(scan, points, beams, sequence.breaks, normals.view(float).reshape(-1, 2), segments, left,
@@ -40,30 +53,3 @@ cdef finite_points(filtered):
                 count += 1
     points = points[:count]
     return points, points.view(complex)[:, 0], radii[:count], beams[:count]
-
-
-cdef noise_by_range(const double[::1] radius, double noise, double ratio):
-    """Return the standard deviation ``(P,)`` of each range [m], as `core.features.range_noise.range_noise`."""
-    cdef double typical = range_noise_steps.TYPICAL_NOISE
-    cdef Py_ssize_t k
-    result = np.empty(radius.shape[0])
-    cdef double[::1] each = result
-    for k in range(radius.shape[0]):
-        each[k] = noise + max(ratio * radius[k] - typical, 0.0)
-    return result
-
-
-def build_oriented_points(const double[:, :] points, const double[:, :] normals, const Py_ssize_t[:] beams):
-    """Build `OrientedPoints` from points and normals ``(P, 2)``, leaving out points without a normal."""
-    cdef Py_ssize_t size = points.shape[0], k, count = 0
-    vectors, numbers = np.empty((2, size), complex), np.empty(size, np.intp)
-    cdef double complex[:, ::1] vector = vectors
-    cdef Py_ssize_t[::1] beam = numbers
-    with nogil:
-        for k in range(size):
-            if normals[k, 0] != 0.0 or normals[k, 1] != 0.0:
-                vector[0, count] = points[k, 0] + 1j * points[k, 1]
-                vector[1, count] = normals[k, 0] + 1j * normals[k, 1]
-                beam[count] = beams[k]
-                count += 1
-    return OrientedPoints(vectors[0, :count], vectors[1, :count], numbers[:count])

@@ -1,9 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Points in beam order, and their normals, as `core.features.point_sequence` and `core.features.normals`."""
+# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+"""Surfaces of a scan: points in beam order, cut at breakpoints (Eq. 5), and their normals."""
+import numpy as np
+
+from .point_sequence import PointSequence
+
+from libc.math cimport fabs
+
+from ..geometry.ordering cimport bisect_left, bisect_right
+from ..geometry.plane cimport Line, cross, distance, fit_range, length_of, modulus
 
 
-cdef Py_ssize_t MIN_NEIGHBOURS = normal_steps._MIN_NEIGHBOURS
-cdef double MAX_RESIDUAL = normal_steps._MAX_RESIDUAL
+# Minimum number of points in the window of a point for it to have a normal.
+cdef Py_ssize_t MIN_NEIGHBOURS = 3
+# A point gets no normal if the neighbours' squared extents across and along the fitted line exceed this ratio.
+cdef double MAX_RESIDUAL = 0.25
 
 
 def point_sequence(const double complex[::1] points, const Py_ssize_t[::1] beams, double increment, double noise,
@@ -22,8 +33,8 @@ def point_sequence(const double complex[::1] points, const Py_ssize_t[::1] beams
         Standard deviation of a range [m].
     parameters : SegmentParameters
     """
-    cdef Py_ssize_t size = points.shape[0], k, gap, max_gap = parameters.max_gap
-    cdef double factor = parameters.breakpoint_factor * fabs(increment), margin = parameters.breakpoint_noise * noise
+    cdef Py_ssize_t size = points.shape[0], k
+    cdef BreakLimits limits = break_limits(increment, noise, parameters)
     radii, moments, breaks = np.empty(size), np.zeros((5, size + 1)), np.empty(max(size - 1, 0), dtype=bool)
     cdef double[::1] radius = radii
     cdef double[:, ::1] total = moments
@@ -37,14 +48,54 @@ def point_sequence(const double complex[::1] points, const Py_ssize_t[::1] beams
             total[2, k + 1], total[3, k + 1] = total[2, k] + x * x, total[3, k] + x * y
             total[4, k + 1] = total[4, k] + y * y
         for k in range(size - 1):
-            gap = beams[k + 1] - beams[k]
-            broken[k] = (gap > max_gap or distance(points[k + 1], points[k])
-                         >= factor * gap * min(radius[k + 1], radius[k]) + margin)
+            broken[k] = is_break(points[k], points[k + 1], beams[k + 1] - beams[k], &limits)
     return PointSequence(np.asarray(points), radii, np.asarray(beams), moments, breaks, increment)
+
+
+def find_breaks(const double complex[::1] points, const Py_ssize_t[::1] beams, double increment, double noise,
+                parameters):
+    """Find where neighbouring points lie too far apart for one surface (Eq. 5); arguments as for `point_sequence`.
+
+    Returns
+    -------
+    (P - 1,) bool
+        True where a break lies between a point and the next.
+    """
+    cdef Py_ssize_t size = points.shape[0], k
+    cdef BreakLimits limits = break_limits(increment, noise, parameters)
+    breaks = np.empty(max(size - 1, 0), dtype=bool)
+    cdef unsigned char[::1] broken = breaks
+    for k in range(size - 1):
+        broken[k] = is_break(points[k], points[k + 1], beams[k + 1] - beams[k], &limits)
+    return breaks
+
+
+cdef struct BreakLimits:
+    # Distance beyond which two neighbouring beams are apart: per range, and by noise [m]; widest gap [beams].
+    double factor, margin
+    Py_ssize_t max_gap
+
+
+cdef BreakLimits break_limits(double increment, double noise, parameters) except *:
+    """Return the limits of Eq. 5."""
+    return BreakLimits(parameters.breakpoint_factor * fabs(increment), parameters.breakpoint_noise * noise,
+                       parameters.max_gap)
+
+
+cdef inline bint is_break(double complex first, double complex second, Py_ssize_t gap,
+                          BreakLimits *limits) noexcept nogil:
+    """Return whether two points, `gap` beams apart, lie on different surfaces (Eq. 5)."""
+    return (gap > limits.max_gap or distance(second, first)
+            >= limits.factor * gap * min(modulus(second), modulus(first)) + limits.margin)
 
 
 def estimate_normals(sequence, const double[::1] noise, parameters):
     """Estimate unit normals from the neighbours of each point on its surface.
+
+    Normals face the sensor; their side follows from the order of the beams. A point with fewer than three neighbours on
+    its surface, or whose neighbours lie on no line, gets no normal. The window of a point spans `normal_reach`, or
+    `normal_noise` times the noise where that is more, and at least `normal_beams` on each side: noise acts along the
+    beams and tilts lines through points that lie close together.
 
     Parameters
     ----------

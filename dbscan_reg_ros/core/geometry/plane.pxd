@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+# cython: language_level=3, wraparound=False, cdivision=True
+"""Vectors of the plane as complex numbers; lines by total least squares; bins of bearings."""
+from libc.math cimport M_PI, atan2, copysign, fabs, floor, fmod, rint, sqrt
+
+
+cdef inline double cross(double complex a, double complex b) noexcept nogil:
+    """Return the cross product of two vectors."""
+    return a.real * b.imag - a.imag * b.real
+
+
+cdef inline double dot(double complex a, double complex b) noexcept nogil:
+    """Return the scalar product of two vectors."""
+    return a.real * b.real + a.imag * b.imag
+
+
+cdef inline double length_of(double x, double y) noexcept nogil:
+    """Return the length of a vector; the square root, as no point is so far that its square overflows."""
+    return sqrt(x * x + y * y)
+
+
+cdef inline double modulus(double complex a) noexcept nogil:
+    """Return the length of a vector."""
+    return length_of(a.real, a.imag)
+
+
+cdef inline double distance(double complex a, double complex b) noexcept nogil:
+    """Return the distance of two points."""
+    return length_of(a.real - b.real, a.imag - b.imag)
+
+
+cdef inline double complex rotated(double complex a, double complex b) noexcept nogil:
+    """Return the product of two complex numbers."""
+    return (a.real * b.real - a.imag * b.imag) + 1j * (a.real * b.imag + a.imag * b.real)
+
+
+cdef inline double wrapped(double angle, double period) noexcept nogil:
+    """Subtract whole periods from an angle [rad], as `rotation.wrap_period`."""
+    return angle - period * rint(angle * (1.0 / period))
+
+
+cdef inline double wrap(double angle) noexcept nogil:
+    """Wrap an angle [rad] to [-pi, pi)."""
+    cdef double rest = fmod(angle + M_PI, 2.0 * M_PI)
+    return (rest + 2.0 * M_PI if rest < 0.0 else rest) - M_PI
+
+
+cdef struct Line:
+    # Centre [m], unit direction with a component along x that is not negative, spread and residual [m^2].
+    double x, y, c, s, spread, residual
+
+
+cdef inline Line fit_line(double x, double y, double xx, double xy, double yy, double count) noexcept nogil:
+    """Fit a total least squares line to points with these summed moments (Eq. 7), as `line_fit.fit_lines`."""
+    cdef Line line
+    cdef double half, apart, root
+    line.x, line.y = x / count, y / count
+    xx, xy, yy = xx / count - line.x * line.x, xy / count - line.x * line.y, yy / count - line.y * line.y
+    half, apart = 0.5 * (xx + yy), 0.5 * (xx - yy)
+    root = length_of(apart, xy)
+    # The direction is half the angle of (apart, xy); of both its components the larger is computed first.
+    line.c, line.s = 1.0, 0.0
+    if root > 0.0 and apart >= 0.0:
+        line.c = sqrt(0.5 * (1.0 + apart / root))
+        line.s = 0.5 * xy / (root * line.c)
+    elif root > 0.0:
+        line.s = copysign(sqrt(0.5 * (1.0 - apart / root)), xy)
+        line.c = 0.5 * xy / (root * line.s)
+    line.spread, line.residual = half + root, max(half - root, 0.0)
+    return line
+
+
+cdef inline Line fit_range(const double[:, ::1] moments, Py_ssize_t first, Py_ssize_t end) noexcept nogil:
+    """Fit a line to the points from `first` to before `end`, from the `summed_moments` of a scan; indices are valid."""
+    return fit_line(moments[0, end] - moments[0, first], moments[1, end] - moments[1, first],
+                    moments[2, end] - moments[2, first], moments[3, end] - moments[3, first],
+                    moments[4, end] - moments[4, first], <double> (end - first))
+
+
+cdef inline double rough_arctangent(double x, double y) noexcept nogil:
+    """Return the bearing of a point [rad] to 1e-5; not a number where the point is the sensor's or infinite.
+
+    Abramowitz and Stegun, "Handbook of Mathematical Functions", 4.4.47.
+    """
+    cdef double across = fabs(x), up = fabs(y), ratio = min(across, up) / max(across, up), s = ratio * ratio
+    cdef double angle = ratio * (0.9998660 + s * (-0.3302995 + s * (0.1801410 + s * (-0.0851330 + s * 0.0208351))))
+    angle = 0.5 * M_PI - angle if up > across else angle
+    angle = M_PI - angle if x < 0.0 else angle
+    return -angle if y < 0.0 else angle
+
+
+cdef inline Py_ssize_t bin_of(double x, double y, Py_ssize_t size) noexcept nogil:
+    """Return which of `size` bins of the full circle a point lies in: near an edge by the exact bearing."""
+    cdef double place = (rough_arctangent(x, y) + M_PI) * (size / (2.0 * M_PI)), rest = place - floor(place)
+    if rest > 1e-5 * size and rest < 1.0 - 1e-5 * size:
+        return <Py_ssize_t> place
+    return min(<Py_ssize_t> ((atan2(y, x) + M_PI) * (size / (2.0 * M_PI))), size - 1)
