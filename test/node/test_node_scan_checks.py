@@ -23,6 +23,7 @@ CHANGES = {
     'stamp_zero': lambda _: {'stamp': 0},
     'stamp_equal': lambda _: {'stamp': START},
     'stamp_back': lambda k: {'stamp': START - k * 100_000_000},
+    'clock_back': lambda k: {'stamp': START + k * 100_000_000 - (k > 9) * 600_000_000},
     'time_increment': lambda k: {'time_increment': 0.1},
     'millimetres': lambda _: {'scale': 1000.0},
     'centimetres': lambda _: {'scale': 100.0},
@@ -53,7 +54,7 @@ def warnings(process):
 
 @pytest.mark.parametrize('kind', CHANGES)
 def test_the_node_warns_about_scans_as_about_their_recording(kind, start_node, peer, scans, tmp_path):
-    messages = [message(scan, **CHANGES[kind](k)) for k, scan in enumerate(scans[:20])]
+    messages = [message(scan, **CHANGES[kind](k)) for k, scan in enumerate(scans[:21])]
     offline = warnings_about(write_bag(tmp_path / 'bag',
                                        [('/scan', START + k, bytes(rclpy.serialization.serialize_message(each)))
                                  for k, each in enumerate(messages)]))

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import NamedTuple
 
+import numpy as np
+
 from ...core.scan import SECOND, in_nanoseconds
 from ..stamps import equal
 from .ranges import RangeChecks
@@ -25,6 +27,9 @@ RESTART = 2.0
 DISORDER = 4, 0.4
 """A warning is given if at least this number and this fraction of the last `RECENT` stamps go back; real drivers reach
 0.25."""
+CLOCK_STEP = 0.5, 5.0
+"""The clock was set back if the stamps after a step back stay behind by more than this fraction of the period, and by
+more than this number of standard deviations; stamps that jitter catch up."""
 FEWEST_INTERVALS = 2
 """The duration of a scan is compared with the mean of at least this many intervals between stamps."""
 TOO_LONG = 1.15, 2.0
@@ -94,8 +99,8 @@ class ScanChecks:
         """
         if not len(fields.ranges):
             return []
-        found = (self._frames(fields), self._angles(fields), self._stamp(fields.stamp, now), self._duration(fields),
-                 *self._ranges.look(fields))
+        found = (self._frames(fields), self._angles(fields), self._stamp(fields.stamp, now), self._clock(),
+                 self._duration(fields), *self._ranges.look(fields))
         return [warning for warning in found if warning]
 
     def _frames(self, fields):
@@ -156,6 +161,23 @@ class ScanChecks:
             return ScanWarning(Kind.STAMP_FUTURE, f'the stamp of the scan is {(stamp - now) / SECOND:.1f} s in the '
                                'future; is the sensor\'s clock synchronised, and use_sim_time set where it should be?')
         return None
+
+    def _clock(self):
+        """Find a step back, half way through the recent stamps, after which they stay behind."""
+        half = RECENT // 2
+        if len(self._stamps) <= RECENT or self._stamps[half] >= self._stamps[half - 1]:
+            return None
+        times = np.array([stamp - self._stamps[0] for stamp in self._stamps]) / SECOND
+        number = np.arange(len(times))
+        model = np.column_stack((np.ones(len(times)), number, number >= half))
+        (_, period, step), (squares,), *_ = np.linalg.lstsq(model, times, rcond=None)
+        sigma = math.sqrt(squares / (len(times) - 3) * np.linalg.inv(model.T @ model)[2, 2])
+        if period <= 0.0 or -step <= max(CLOCK_STEP[0] * period, CLOCK_STEP[1] * sigma):
+            return None
+        return ScanWarning(Kind.CLOCK_BACK, f'the clock of the stamps was set back by about {-step:.2g} s, at '
+                           f'{self._stamps[half] / SECOND:.3f} s; expected stamps that increase. The pose goes on, but '
+                           'tf has no newer transform until the stamps pass the old ones: synchronise the clock before '
+                           'the drive, and correct it gradually')
 
     def _in_disorder(self):
         """Whether the last step back is a large one, or many stamps go back (`RESTART`, `DISORDER`)."""

@@ -16,6 +16,7 @@ class Kind(Enum):
     STAMP_EQUAL = 'stamp_equal'
     STAMP_UNIT = 'stamp_unit'
     STAMP_BACK = 'stamp_back'
+    CLOCK_BACK = 'clock_back'
     STAMP_FUTURE = 'stamp_future'
     TIME_INCREMENT = 'time_increment'
     MILLIMETRES = 'millimetres'
@@ -27,7 +28,7 @@ class Kind(Enum):
     OPTICAL_FRAME = 'optical_frame'
 
 
-BETWEEN_SCANS = Kind.BEAMS, Kind.STAMP_EQUAL, Kind.STAMP_UNIT, Kind.STAMP_BACK, Kind.TIME_INCREMENT
+BETWEEN_SCANS = Kind.BEAMS, Kind.STAMP_EQUAL, Kind.STAMP_UNIT, Kind.STAMP_BACK, Kind.CLOCK_BACK, Kind.TIME_INCREMENT
 """Faults that are found by comparing a scan with those before it."""
 
 

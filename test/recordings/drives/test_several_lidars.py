@@ -75,10 +75,10 @@ def test_each_option_of_simulate_belongs_to_the_lidar_before_it(pair):
     assert (first[0].frame_id, second[0].frame_id) == ('laser', 'laser_2')
     assert second[0].stamp - first[0].stamp == 19_000_000
     assert np.diff([scan.stamp for scan in second]).mean() == pytest.approx(1e9 / 15)
-    for frame, (x, y, degrees) in (('laser', FRONT), ('laser_2', REAR)):
-        found = static_mounting(pair, 'base_link', frame)
+    for topic, frame, (x, y, degrees) in (('/scan', 'laser', FRONT), ('/scan_2', 'laser_2', REAR)):
+        found = static_mounting(pair, topic, 'base_link', frame)
         assert np.allclose(found.pose.as_array(), (x, y, math.radians(degrees))) and not found.upside_down
-    assert static_mounting(pair, 'map', 'laser') is None
+    assert static_mounting(pair, '/scan', 'map', 'laser') is None
 
 
 def test_a_replay_uses_both_lidars_and_names_them(pair, tmp_path, capsys):
