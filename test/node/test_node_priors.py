@@ -248,7 +248,7 @@ def test_a_prior_from_our_own_frame_is_refused(start_with):
     assert "prior.frame = 'odom': expected an odometry frame of another node" in node.output()
 
 
-def test_wheels_that_nobody_publishes_are_a_warning_in_the_diagnostics(start_with, player, peer, scans):
+def test_wheels_without_a_publisher_are_a_warning_in_the_diagnostics(start_with, player, peer, scans):
     start_with('odometry', *PLACE)
     player.wait_for_node(TIMEOUT)
     received = peer.listen(DiagnosticArray, '/diagnostics')

@@ -65,11 +65,11 @@ class OrientedPoints:
 
     def thinned(self, count: int) -> 'OrientedPoints':
         """Return at most `count` of the points, evenly spaced along the scan."""
-        step = stride(len(self), count)
+        step = spacing(len(self), count)
         # Contiguous copies: with numpy 1.26 the last bit of a product over strided arrays depends on their address.
         return self if step <= 1 else self.select(np.arange(0, len(self), step))
 
 
-def stride(size: int, count: int) -> int:
+def spacing(size: int, count: int) -> int:
     """Return the index step with which at most `count` of `size` points are selected."""
     return -(-size // count)

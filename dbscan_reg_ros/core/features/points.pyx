@@ -4,7 +4,7 @@
 import numpy as np
 
 from ..geometry import tolerance
-from .oriented_points import OrientedPoints, stride
+from .oriented_points import OrientedPoints, spacing
 
 from ..geometry.plane cimport rotated
 
@@ -90,7 +90,7 @@ def sample(oriented, Py_ssize_t count):
     if len(oriented) <= count:
         return oriented
     chosen = high_leverage(oriented.normals)
-    chosen[::stride(len(oriented), count)] = True
+    chosen[::spacing(len(oriented), count)] = True
     return oriented.select(chosen.nonzero()[0])
 
 

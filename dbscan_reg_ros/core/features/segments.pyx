@@ -4,6 +4,7 @@
 import numpy as np
 
 from ..geometry import tolerance
+from ..geometry.ties import order_up_to_rounding
 from .records import Segments
 
 from libc.math cimport atan2, fabs, sqrt
@@ -236,7 +237,7 @@ cdef Py_ssize_t keep_longest(Piece *pieces, Py_ssize_t count, Py_ssize_t most) e
     if count <= most:
         return count
     lengths = np.array([distance(pieces[k].end, pieces[k].start) for k in range(count)])
-    for k, chosen in enumerate(np.sort(tolerance.order_up_to_rounding(-lengths)[:most]).tolist()):
+    for k, chosen in enumerate(np.sort(order_up_to_rounding(-lengths)[:most]).tolist()):
         pieces[k] = pieces[<Py_ssize_t> chosen]
     return most
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from ..features.records import Features
-from ..geometry.tolerance import first_largest
+from ..geometry.ties import first_largest
 from ..parameters.tree import Parameters
 from ..registration.pipeline import register, register_within_gate
 from ..registration.records import Prior, Registration, Status

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..features.records import Features
 from ..geometry.se2 import SE2
-from ..geometry.tolerance import order_up_to_rounding
+from ..geometry.ties import order_up_to_rounding
 from ..parameters.tree import Parameters
 from ..registration.records import Registration, Status
 from .mapping.key_frame import KeyFrame

@@ -7,7 +7,8 @@ import numpy as np
 from ..features.records import EndKind, Segments
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import as_vectors, unit_complex, wrap
-from ..geometry.tolerance import SAME, TINY, first_largest, order_up_to_rounding
+from ..geometry.ties import first_largest, order_up_to_rounding
+from ..geometry.tolerance import SAME, TINY
 
 _BREAK_FACTOR = 8.0
 """Open: k of Eq. 5."""

@@ -11,7 +11,8 @@ from ..features.records import Segments
 from ..features.returns import admitted_returns
 from ..geometry.array_types import BoolArray, FloatArray, IntArray
 from ..geometry.se2 import DOF, SE2, as_complex
-from ..geometry.tolerance import RESOLUTION, order_up_to_rounding
+from ..geometry.ties import order_up_to_rounding
+from ..geometry.tolerance import RESOLUTION
 from ..parameters.features import ScanParameters
 from ..registration.records import Hypothesis, Registration, Status
 from ..registration.rotation import Rotations, wrap_period

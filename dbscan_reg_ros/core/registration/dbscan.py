@@ -9,7 +9,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ..geometry.array_types import BoolArray, FloatArray, IntArray
-from ..geometry.tolerance import TINY, first_largest
+from ..geometry.ties import first_largest
+from ..geometry.tolerance import TINY
 
 NOISE = -1
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from ..geometry.array_types import BoolArray, FloatArray
 from ..geometry.se2 import DOF, unit_complex
-from ..geometry.tolerance import TINY, first_largest
+from ..geometry.ties import first_largest
+from ..geometry.tolerance import TINY
 from .search import Problem
 
 

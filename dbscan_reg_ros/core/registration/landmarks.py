@@ -11,7 +11,8 @@ from ..features.records import Features
 from ..geometry.array_types import ComplexArray, FloatArray
 from ..geometry.robust_kernel import kernel
 from ..geometry.se2 import as_vectors
-from ..geometry.tolerance import SAME, order_up_to_rounding
+from ..geometry.ties import order_up_to_rounding
+from ..geometry.tolerance import SAME
 from ..parameters.tree import Parameters
 from .point_to_line import transform_points
 from .records import Prior

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..features.likelihood_field import LikelihoodField
-from ..features.oriented_points import OrientedPoints, stride
+from ..features.oriented_points import OrientedPoints, spacing
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.robust_kernel import kernel
 from ..geometry.se2 import DOF, unit_complex
@@ -68,7 +68,7 @@ class Fit(NamedTuple):
 
     def thinned(self, count: int) -> 'Fit':
         """Return the fits of at most `count` points: those that `OrientedPoints.thinned` selects."""
-        step = stride(self.error.shape[1], count)
+        step = spacing(self.error.shape[1], count)
         return self if step <= 1 else Fit(*(part[:, ::step].copy() for part in self))
 
 

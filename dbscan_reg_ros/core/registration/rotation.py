@@ -9,7 +9,7 @@ import numpy as np
 from ..features.records import Segments
 from ..geometry.array_types import BoolArray, FloatArray, IntArray
 from ..geometry.se2 import wrap
-from ..geometry.tolerance import order_up_to_rounding
+from ..geometry.ties import order_up_to_rounding
 from ..parameters.registration import RotationParameters
 from .dbscan import NOISE, dbscan_line, k_distances, knee, recluster, unlabelled, without_gaps
 

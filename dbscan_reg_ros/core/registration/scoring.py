@@ -15,7 +15,7 @@ from ..features.records import Features
 from ..geometry.array_types import BoolArray, FloatArray
 from ..geometry.se2 import unit_complex, wrap
 from ..geometry.symmetric_matrix import inverse
-from ..geometry.tolerance import order_up_to_rounding
+from ..geometry.ties import order_up_to_rounding
 from ..parameters.odometry import PriorParameters
 from ..parameters.registration import DensityParameters, SelectionParameters
 from . import point_to_line

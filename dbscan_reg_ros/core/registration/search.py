@@ -12,7 +12,7 @@ import numpy as np
 from ..features.oriented_points import OrientedPoints
 from ..features.records import Features
 from ..geometry.array_types import FloatArray, IntArray
-from ..geometry.tolerance import order_up_to_rounding
+from ..geometry.ties import order_up_to_rounding
 from ..parameters.tree import Parameters
 from .point_to_line import Alignment, Fit, fit, refine
 from .records import Prior

@@ -10,7 +10,8 @@ from ..features.oriented_points import OrientedPoints
 from ..features.points import sample
 from ..geometry.array_types import FloatArray
 from ..geometry.se2 import DOF
-from ..geometry.tolerance import TINY, order_up_to_rounding
+from ..geometry.ties import order_up_to_rounding
+from ..geometry.tolerance import TINY
 from .confidence.ranking import rank_by_evidence
 from .degeneracy import search_degenerate_direction, weakest_direction
 from .point_to_line import Fit, next_step, polish
@@ -143,7 +144,7 @@ def improve(problem: Problem, candidates: FloatArray, points: OrientedPoints, sc
             fits: Fit | None = None, *, both_ways: bool = False) -> Ranking:
     """Refine all hypotheses together with `points` of the current scan; rank them by the score of all sampled points.
 
-    Of equal scores, as in a corridor that looks the same after half a turn, the one nearest to the prior is first.
+    Of equal scores, as in a corridor that looks the same rotated by 180 degrees, the one nearest to the prior is first.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ from ..features.records import EndKind, Segments
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import DOF, as_complex, as_vectors, grouped_sum, unit_complex
 from ..geometry.symmetric_matrix import solve
-from ..geometry.tolerance import order_up_to_rounding
+from ..geometry.ties import order_up_to_rounding
 from ..parameters.registration import TranslationParameters
 from .dbscan import NOISE, dbscan_plane, pairs_before, recluster, unlabelled, without_gaps
 from .point_to_line import NO_STEP, normal_equations

@@ -9,7 +9,7 @@ from accelerated_inputs import assert_same
 from dbscan_reg_ros import Parameters
 from dbscan_reg_ros.core.backend import REFERENCE
 from dbscan_reg_ros.core.features.records import EndKind, Segments
-from dbscan_reg_ros.core.geometry.tolerance import first_largest, order_up_to_rounding
+from dbscan_reg_ros.core.geometry.ties import first_largest, order_up_to_rounding
 from dbscan_reg_ros.core.registration.rotation import estimate_rotations, pair_weights
 from dbscan_reg_ros.core.registration.translation import estimate_translations
 

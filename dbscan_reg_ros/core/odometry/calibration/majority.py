@@ -7,7 +7,7 @@ import numpy as np
 
 from ...geometry.array_types import FloatArray
 from ...geometry.se2 import SE2
-from ...geometry.tolerance import first_largest
+from ...geometry.ties import first_largest
 from .compared_lidar import PROBABLE, ComparedLidar, difference
 from .relative_pose import RelativePose
 from .wheels import Wrong

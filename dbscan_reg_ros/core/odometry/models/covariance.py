@@ -146,7 +146,7 @@ def twist_variance(variance: NDArray[np.float64], last: NDArray[np.float64], twi
                    time_sigma: float) -> NDArray[np.float64]:
     """Return the variances by which the velocity at the stamp may differ from the mean since the scan before.
 
-    It may have changed by half as much as the mean did, and has turned by half the rotation. An error of the time is
+    It may have changed by half as much as the mean did, and has rotated by half the rotation. An error of the time is
     one of the velocity. A part of the last `variance` remains, as the scan was deskewed with the `last` twist.
 
     Parameters
@@ -165,4 +165,4 @@ def twist_variance(variance: NDArray[np.float64], last: NDArray[np.float64], twi
 
 
 _KEPT = 0.25
-"""Share of the variance of a twist that remains with the next scan."""
+"""Fraction of the variance of a twist that remains with the next scan."""

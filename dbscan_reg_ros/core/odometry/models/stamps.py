@@ -235,4 +235,4 @@ _MAX_RATIO = 2.05
 _LEAST_MOTION = 0.02
 """Motion [m, rad] from which on a velocity is compared: less of it is noise."""
 _KEPT = 0.9
-"""Share of the squared changes of the velocity that is kept from one comparison to the next."""
+"""Fraction of the squared changes of the velocity that is kept from one comparison to the next."""

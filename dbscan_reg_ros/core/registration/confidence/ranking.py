@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...geometry.array_types import FloatArray
-from ...geometry.tolerance import order_up_to_rounding
+from ...geometry.ties import order_up_to_rounding
 from ..point_to_line import Fit
 from ..records import Evidence
 from ..scoring import distinct
