@@ -116,16 +116,15 @@ def _shared(ranges: npt.NDArray[np.float32], range_max: float, angle_increment: 
     range, and the resolution, which for triangulating sensors grows with the square of the range.
     """
     with np.errstate(invalid='ignore'):
-        values = np.sort(ranges[(ranges > 0.0) & (ranges <= range_max) & np.isfinite(ranges)])
-    runs = np.flatnonzero(values[_FEWEST - 1:] == values[:max(len(values) - _FEWEST + 1, 0)])
-    if not len(runs):
+        values = ranges[(ranges > 0.0) & (ranges <= range_max) & np.isfinite(ranges)]
+    distinct, counts = np.unique(values, return_counts=True)
+    beyond = len(values) - np.cumsum(counts)
+    shared = np.flatnonzero((counts >= _FEWEST) & (beyond <= _STRAY * counts))
+    if not len(shared):
         return None
-    value = float(values[runs[-1]])
-    begin, end = np.searchsorted(values, values[runs[-1]], 'left'), np.searchsorted(values, values[runs[-1]], 'right')
-    count = int(end - begin)
-    if len(values) - end > _STRAY * count:
-        return None
-    others, counts = np.unique(np.delete(values, slice(begin, end)).astype(float), return_counts=True)
+    last = shared[-1]
+    value, count = float(distinct[last]), int(counts[last])
+    others, counts = np.delete(distinct, last).astype(float), np.delete(counts, last)
     if len(others) < _FEWEST_OTHERS:
         return None
     if count < _RATIO * counts[others >= 0.5 * value].max(initial=1):
@@ -147,7 +146,7 @@ _RATIO = 4
 2.4 times as many."""
 _MANY = 5
 """Number of scans that must share a value, while their other ranges change, before it is known to mean "no return"."""
-_EQUAL, _EQUAL_IMPOSSIBLE = 0.2, 0.9
+_EQUAL, _EQUAL_IMPOSSIBLE = 0.4, 0.9
 """The other ranges have changed if at most this fraction is exactly as in the last scan; the second one is for a value
 that no surface can give, as without noise the ranges to a wall alongside stay the same."""
 _MOST_VALUES = 16

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros import Odometry, open_recording
-from dbscan_reg_ros.simulation import Lidar, follow, hall, simulate
+from dbscan_reg_ros.simulation import Lidar, corridor, follow, hall, simulate
 
 
 def poses(scans):
@@ -36,3 +36,13 @@ def test_a_hall_where_half_the_beams_have_a_code_is_driven_as_with_inf(code):
         found = poses(scans)
     assert len(warned) == 1
     np.testing.assert_array_equal(found, poses(control))
+
+
+@pytest.mark.filterwarnings('ignore:many beams:UserWarning')
+@pytest.mark.parametrize('code', [5.49, 29.9])
+def test_a_code_is_found_among_ranges_in_centimetres_and_some_beyond_it(code):
+    lidar = Lidar(681, math.radians(-120.0), math.radians(240.0 / 680), 0.06, 5.6, resolution=0.01, stated=(0.06, 30.0),
+                  no_return=code)
+    drive = simulate(corridor(seed=3), follow(corridor(seed=3).tour, speed=0.8).until(5.0), lidar, seed=1)
+    end = poses(drive.scans)[-1]
+    assert math.hypot(end[0], end[1]) == pytest.approx(math.dist(drive.truth[0, :2], drive.truth[-1, :2]), abs=0.15)

@@ -60,3 +60,12 @@ def test_stamps_that_go_back_took_no_time_and_keep_the_median():
     assert (found[0].length, found[0].elapsed, found[0].middle_offset) == (0.0, 0.0, 0.05)
     assert (found[3].length, found[3].elapsed, found[3].middle_offset) == (pytest.approx(0.075), 0.0, 0.05)
     assert found[3].gap and found[3].reason == 'stamps went back by 8.150 s'
+
+
+@pytest.mark.parametrize('period, gap, missing', [(100, 2500, True), (2500, 2600, False), (2500, 30_000, True)])
+def test_scans_are_missing_after_an_interval_far_beyond_the_usual_one(period, gap, missing):
+    intervals = StampFilter()
+    stamps = [*range(0, 12 * period, period), 11 * period + gap]
+    found = [intervals.next(stamp * 1_000_000, 0.0, TimeParameters(max_jump=2.0), 0.0) for stamp in stamps]
+    assert found[-1].jump and found[-1].missing is missing
+    assert not any(each.missing for each in found[:-1])

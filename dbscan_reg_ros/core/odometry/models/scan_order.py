@@ -50,7 +50,8 @@ class ScanOrder:
         if abs(elapsed) > parameters.max_jump:
             jump = Jump.FORWARD if elapsed > 0.0 else Jump.BACKWARD
             reason = f'no scan for {elapsed:.3f} s' if jump is Jump.FORWARD else f'stamps went back by {-elapsed:.3f} s'
-            return ScanInterval(stamps.typical, max(elapsed, 0.0), own.middle_offset, jump, reason)
+            return ScanInterval(stamps.typical, max(elapsed, 0.0), own.middle_offset, jump, reason,
+                                own.missing or not own.elapsed)
         interval = dataclasses.replace(own, length=elapsed, elapsed=elapsed, jump=None, reason='', of_others=True)
         typical = stamps.typical
         late = typical and dataclasses.replace(interval, length=typical).gap

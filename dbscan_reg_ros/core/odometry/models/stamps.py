@@ -63,6 +63,8 @@ class ScanInterval:
         Direction of a jump of the stamps by more than `time.max_jump`.
     reason : str
         Description of the jump; empty without a jump.
+    missing : bool
+        Whether scans are missing: the stamps jumped forward, and the interval is far longer than the usual one.
     steady : bool
         Whether the stamps are regular, so that a long interval means dropped scans.
     of_others : bool
@@ -76,6 +78,7 @@ class ScanInterval:
     middle_offset: float
     jump: Jump | None = None
     reason: str = ''
+    missing: bool = False
     steady: bool = False
     of_others: bool = False
     sigma: float = 0.0
@@ -104,6 +107,7 @@ class StampFilter:
         self._last: int | None = None
         self.duration = 0.0
         self._recent: deque[float] = deque(maxlen=_MEDIAN_SIZE)
+        self._between: deque[float] = deque(maxlen=_MEDIAN_SIZE)
         # By the stamps, and by regular intervals: time since `judge`, velocities, and their squared changes.
         self._middle: SE2 | None = None
         self._since_judged, self._velocities, self._changes = np.zeros(2), np.zeros((2, DOF)), np.zeros(2)
@@ -140,10 +144,13 @@ class StampFilter:
         if last is None:
             return ScanInterval(0.0, 0.0, middle_offset)
         elapsed = seconds(stamp - last)
+        usual = median(self._between) if self._between else parameters.max_jump
+        self._between.append(elapsed)
         if jumps:
             jump = Jump.FORWARD if elapsed > 0.0 else Jump.BACKWARD
             reason = f'no scan for {elapsed:.3f} s' if jump is Jump.FORWARD else f'stamps went back by {-elapsed:.3f} s'
-            return ScanInterval(self.typical, max(elapsed, 0.0), middle_offset, jump, reason)
+            missing = elapsed > _GAP_RATIO * usual
+            return ScanInterval(self.typical, max(elapsed, 0.0), middle_offset, jump, reason, missing)
         self._recent.append(elapsed)
         regular = self._regular(elapsed, scan_duration)
         self._since_judged += elapsed, regular
