@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Search: registers a scan to reference after reference, until the gate accepts a result."""
 import dataclasses
-import math
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from .gate import Gate
 from .mapping.dynamic_points import without_dynamic_points
 from .mapping.key_frame import KeyFrame
 from .mapping.scan_to_map import information_along
-from .models.motion import displacement_covariance, unknown_motion_covariance
+from .models.motion import displacement_covariance
 from .references import (
     Match,
     Outcome,
@@ -70,8 +69,6 @@ class ReferenceSearch:
             static = without_dynamic_points(static, best.pose, window, self._parameters, self._sensor)
         latest = Reference(window.frames_of(self._sensor)[-1], window.local_map_of(self._sensor))
         match = self._match(latest, static, None)
-        if match.degenerate_direction is not None and static.weights is not None:
-            match = self._match_movable(latest, static, match.degenerate_direction) or match
         outcome = Outcome(None, match.registration).joined(match)
         if not self._is_final(match):
             for reference in fallback_references(self._state, best.pose, match.registration, self._parameters,
@@ -81,40 +78,6 @@ class ReferenceSearch:
                 if self._is_final(match):
                     break
         return outcome
-
-    def _match_movable(self, latest: Reference, static: Features, direction: float) -> Match | None:
-        """Register with full weight of movable objects; return the match if these are more likely static than not.
-
-        Objects that move along with the sensor seem to be at rest. Where static points leave a `direction` [rad] of the
-        motion open, movable objects count as static if they show a motion since the latest key frame (from half of the
-        margin on beyond which they would be dynamic) and confirm it since the previous scan. The status is
-        ``DEGENERATE``, as they may move nevertheless.
-        """
-        match, margin = self._match(latest, dataclasses.replace(static, weights=None), None), self._margin
-        motion = latest.key_frame.pose.inverse() @ match.pose
-        if (match.verdict.decision is not Decision.ACCEPT or math.hypot(motion.x, motion.y) < 0.5 * margin
-                or not self._confirmed_by_previous(match, direction)):
-            return None
-        reason = 'only movable objects constrain the translation along one direction'
-        registration = dataclasses.replace(match.registration, status=Status.DEGENERATE, reason=reason)
-        return dataclasses.replace(match, registration=registration)
-
-    def _confirmed_by_previous(self, match: Match, direction: float) -> bool:
-        """Whether a registration to the previous scan shows the motion of a `match` along a `direction` [rad].
-
-        It has to agree within the margin of dynamic points, and must not be nearer to no motion than to the prediction.
-        """
-        frame, predictions = self._previous_scan(), self._gate.predictions
-        prior = Prior(frame.pose.inverse() @ predictions.best.pose,
-                      unknown_motion_covariance(predictions.interval, self._parameters))
-        before = dataclasses.replace(frame.features, weights=None)
-        shown = register(before, match.features, self._search_parameters, prior, SearchStage.NEAR)
-        angle = direction - frame.pose.theta
-        along = np.array((math.cos(angle), math.sin(angle), 0.0))
-        moved, seen, expected = (float(along @ motion.as_array()) for motion in (
-            frame.pose.inverse() @ match.pose, shown.transform, prior.transform))
-        variance = float(along @ shown.covariance @ along) + (_COMPANION_SPEED * predictions.interval.length) ** 2
-        return abs(moved - seen) <= self._margin and (seen - expected) ** 2 <= seen ** 2 + variance
 
     def _previous_scan(self) -> KeyFrame:
         """Return the previous scan of the sensor, which may be a key frame."""
@@ -211,7 +174,3 @@ class ReferenceSearch:
         if retried.normals is static.normals:
             return registration, static
         return register(reference.features, retried, self._search_parameters, prior), retried
-
-
-_COMPANION_SPEED = 0.1
-"""Standard deviation [m/s] of the speed, relative to the sensor, of objects that move along with it."""

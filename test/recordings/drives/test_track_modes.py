@@ -20,7 +20,7 @@ def seen(index, x=0.0):
 
 
 def noise(index):
-    return Scan(index * TENTH, np.random.default_rng(index).uniform(0.3, 8.0, FULL.size), FULL)
+    return Scan(index * TENTH, np.random.default_rng(100 + index).uniform(0.3, 8.0, FULL.size), FULL)
 
 
 def modes(odometry, scans, prior=None):

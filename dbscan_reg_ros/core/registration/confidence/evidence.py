@@ -54,9 +54,11 @@ def chance_conflicts(reference: Features, current: Features) -> float:
     """Return the fraction of points, 0..1, that lie in free space of the other scan though the motion is right.
 
     Random ranges are isolated. A place seems free where both beams that pass it are random, so that the fraction is the
-    square of the fraction of isolated points.
+    square of the fraction of isolated points. Where most ranges are random, nothing tells a right motion: the nearer
+    the fraction is to `_ALL_RANDOM`, the less is explained by it.
     """
-    return min(reference.isolated + current.isolated, 1.0) ** 2
+    rates = (min(each.isolated, max(_ALL_RANDOM - each.isolated, 0.0)) for each in (reference, current))
+    return sum(rates) ** 2
 
 
 class Seen(NamedTuple):
@@ -147,3 +149,5 @@ _SAME_PLACE = 0.15
 """Largest distance [m] of ends that match, and of a segment from the line of another that matches."""
 _PARALLEL = 0.99
 """Least cosine of the angle between segments that match."""
+_ALL_RANDOM = 0.45
+"""Fraction of isolated points in a scan of uniformly random ranges."""
