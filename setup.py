@@ -30,17 +30,17 @@ else:
 CORE = Path(PACKAGE, 'core')
 SOURCES = sorted(path for suffix in ('pyx', 'pxd', 'pxi') for path in CORE.rglob(f'*.{suffix}'))
 MODULES = [path.with_suffix('') for path in SOURCES if path.suffix == '.pyx']
-STEPS = CORE / 'accelerated' / 'steps'
+SOURCE_HASH = CORE / 'sources'
 CYTHON = importlib.util.find_spec('Cython') is not None
 
 
 def extensions():
     """The compiled modules, from Cython, or from the C of a source distribution."""
     digest = hashlib.sha256(b''.join(path.read_bytes() for path in SOURCES)).hexdigest()[:16]
-    shared = [str(path) for path in SOURCES if path.suffix == '.pxd']
+    included = [str(path) for path in SOURCES if path.suffix != '.pyx']
     return [Extension('.'.join(module.parts), [f'{module}.pyx'],
-                      depends=[*shared, *map(str, module.parent.rglob('*.pxi'))],
-                      define_macros=[('DBSCAN_REG_SOURCE_HASH', f'"{digest}"')] if module == STEPS else [],
+                      depends=list(map(str, SOURCES)) if module == SOURCE_HASH else included,
+                      define_macros=[('DBSCAN_REG_SOURCE_HASH', f'"{digest}"')] if module == SOURCE_HASH else [],
                       extra_compile_args=['-ffp-contract=off', '-fcx-fortran-rules', '-fno-math-errno', '-g0'])
             for module in MODULES]
 

@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from . import backend_choice
+from .build_check import check_build
 from .core.backend import set_default_source
 
 __all__ = [
@@ -50,6 +51,7 @@ else:
         """Load the module of a public name when the name is first used: ``--help`` of a command needs no numpy."""
         if name not in _HOMES:
             raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+        check_build()
         value = globals()[name] = getattr(import_module(f'{__name__}.{_HOMES[name]}'), name)
         return value
 

@@ -1,40 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Choice of the default backend of the registration: the compiled steps, or the numpy reference for tests."""
-import hashlib
 import os
 from functools import lru_cache
 from importlib import import_module
-from pathlib import Path
 
+from .build_check import check_build
 from .core.backend import REFERENCE, Backend
-from .core.errors import BuildError
 from .core.parameters.tree import Parameters
 
 PURE = 'DBSCAN_REG_PURE'
 """Environment variable that chooses the numpy reference if it is set to anything but 0."""
-SOURCES = Path(__file__).absolute().parent / 'core'
-
-
-def source_hash(folder: Path = SOURCES) -> str:
-    """Return the hash of the sources of the compiled steps in a `folder`; empty where they are not installed."""
-    paths = sorted(path for suffix in ('pyx', 'pxd', 'pxi') for path in folder.rglob(f'*.{suffix}'))
-    return hashlib.sha256(b''.join(path.read_bytes() for path in paths)).hexdigest()[:16] if paths else ''
 
 
 @lru_cache(maxsize=1)
 def compiled_backend() -> Backend:
     """Return the backend of the compiled steps; BuildError if they were built from other sources."""
-    try:
-        steps = import_module(f'{__package__}.core.accelerated.steps')
-    except (AttributeError, ImportError) as error:
-        raise BuildError(f'{_OTHER_SOURCES} ({error})') from error
-    if source_hash() not in ('', steps.SOURCE_HASH):
-        raise BuildError(_OTHER_SOURCES)
+    check_build()
+    steps = import_module(f'{__package__}.core.accelerated.steps')
     return Backend('compiled', {name: getattr(steps, name) for name in steps.STEPS})
-
-
-_OTHER_SOURCES = ('the compiled modules of dbscan_reg_ros were built from other sources; in its folder: '
-                  'python setup.py build_ext --inplace --force')
 
 
 @lru_cache(maxsize=1)

@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
+from .build_check import check_build
 from .command_lines import PACKAGE, python_line
 from .core.errors import DbscanRegError
 
@@ -69,10 +70,15 @@ def is_there(module) -> bool:
 
 
 def check_packages(command, also=()):
-    """Raise MissingPackages if modules are not installed that `command`, or (in `also`) its arguments need."""
+    """Raise MissingPackages if modules are not installed that `command`, or (in `also`) its arguments need.
+
+    Then raise BuildError if the compiled modules do not serve.
+    """
     missing = [module for module in dict.fromkeys((*NEEDS.get(command, ()), *also)) if not is_there(module)]
     if missing:
         raise MissingPackages(missing_line(missing))
+    if NEEDS.get(command):
+        check_build()
 
 
 def missing_line(modules) -> str:

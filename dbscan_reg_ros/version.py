@@ -3,8 +3,6 @@
 import argparse
 from pathlib import Path
 
-from .backend_choice import choose
-
 PACKAGE = 'dbscan_reg_ros'
 MANIFEST = Path(__file__).absolute().parent.parent / 'package.xml'
 """Manifest with the version; it exists only if the package runs from its source tree."""
@@ -23,10 +21,10 @@ class _Version(argparse.Action):
     """Argparse action that looks up the version only if the option is given."""
 
     def __call__(self, parser, namespace, values, option_string=None):
-        print(f'{PACKAGE} {version()} ({choose().name} backend)')
+        print(f'{PACKAGE} {version()}')
         parser.exit()
 
 
 def add_version(parser):
     """Add the option ``--version`` to a parser."""
-    parser.add_argument('--version', action=_Version, nargs=0, help='show version and backend, and exit')
+    parser.add_argument('--version', action=_Version, nargs=0, help='show version, and exit')

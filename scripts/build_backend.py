@@ -7,19 +7,17 @@ import sys
 from setuptools import build_meta
 from setuptools.build_meta import *  # noqa: F403
 
-
-def _has_compiler():
-    """Whether the compiler that the build would use is there."""
-    return shutil.which((os.environ.get('CC') or 'cc').split()[0]) is not None
+COMPILER = [] if shutil.which((os.environ.get('CC') or 'cc').split()[0]) else ['ziglang']
+"""What a build requires where there is no C compiler."""
+if COMPILER:
+    os.environ['CC'] = f'{sys.executable} -m ziglang cc'
 
 
 def get_requires_for_build_wheel(config_settings=None):
-    """Return what setuptools needs, and ziglang where no compiler is found."""
-    return [*build_meta.get_requires_for_build_wheel(config_settings), *([] if _has_compiler() else ['ziglang'])]
+    """Return what building a wheel requires."""
+    return [*build_meta.get_requires_for_build_wheel(config_settings), *COMPILER]
 
 
-def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
-    """Build the wheel with the compiler that is there."""
-    if not _has_compiler():
-        os.environ['CC'] = f'{sys.executable} -m ziglang cc'
-    return build_meta.build_wheel(wheel_directory, config_settings, metadata_directory)
+def get_requires_for_build_editable(config_settings=None):
+    """Return what an editable installation requires."""
+    return [*build_meta.get_requires_for_build_editable(config_settings), *COMPILER]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ..allocation import keep_freed_memory
 from ..command_lines import started_as
-from ..core.errors import DbscanRegError
+from ..core.errors import BuildError, DbscanRegError
 from ..lasting_output import discard, lasting_output
 from ..paths import check_writable, ready_made
 from ..requirements import ROS, MissingPackages, check_packages, is_there, missing_line
@@ -273,7 +273,7 @@ def explain(error):
     """Return the exit status and a one-line message for an error, without the name of the Python exception."""
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, 'interrupted'
-    if isinstance(error, MissingPackages):
+    if isinstance(error, (MissingPackages, BuildError)):
         return FAILED, str(error)
     if isinstance(error, DbscanRegError):
         return BAD_INPUT, str(error)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.features.extract import extract_from_returns
+from ..core.features.extraction import extract_from_returns
 from ..core.features.returns import admitted_returns
 from ..core.features.ring_band import ring_band_filter
 from ..core.geometry.se2 import SE2, as_vectors, wrap

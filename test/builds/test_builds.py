@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The compiled steps: built where a compiler is, left out where none is."""
+"""The build of the compiled modules; where something is missing, one line says what to install."""
 import importlib.util
 import os
 import shutil
@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from dbscan_reg_ros import backend_choice
+from dbscan_reg_ros import build_check
 
 PACKAGE = 'dbscan_reg_ros'
-NO_COMPILER = {'CC': 'false', 'CXX': 'false'}
 NO_CYTHON = {'WITHOUT_PACKAGES': 'Cython'}
+BUILD = sys.executable, 'setup.py', '-q', 'build_ext', '--inplace'
 
 
 @pytest.fixture(scope='module')
@@ -32,83 +32,80 @@ def cython(root):
 
 
 @pytest.fixture(scope='module')
-def run(root, cython):
-    """``run(words, folder, **environment)``: what a command prints; Cython can be imported, or not."""
-    def run(words, folder, **environment):
+def attempt(root, cython):
+    """``attempt(words, folder, **environment)``: the result of a command; Cython can be imported, or not."""
+    def attempt(words, folder, **environment):
         path = [str(root / 'test' / 'without'), str(cython), environment.pop('PYTHONPATH', '')]
         environment = os.environ | {'PYTHONPATH': os.pathsep.join(path), 'CFLAGS': '-O0'} | environment
-        result = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, timeout=300,
-                                check=False)
+        return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, timeout=500,
+                              check=False)
+    return attempt
+
+
+@pytest.fixture(scope='module')
+def run(attempt):
+    """``run(words, folder, **environment)``: what a command prints that succeeds."""
+    def run(*arguments, **environment):
+        result = attempt(*arguments, **environment)
         assert result.returncode == 0, result.stdout + result.stderr
         return result.stdout
     return run
 
 
-@pytest.fixture(scope='module')
-def source(root, tmp_path_factory):
-    """``source()``: a new copy of the tree, without anything built."""
-    def source():
-        folder = tmp_path_factory.mktemp('source') / PACKAGE
-        shutil.copytree(root, folder, ignore=shutil.ignore_patterns('.*', '__pycache__', 'build', 'results',
-                                                                    '*.egg-info', '*.so'))
-        return folder
-    return source
+@pytest.fixture
+def source(root, tmp_path):
+    """A new copy of the tree, without anything built."""
+    folder = tmp_path / 'source' / PACKAGE
+    shutil.copytree(root, folder, ignore=shutil.ignore_patterns('.*', '__pycache__', 'build', 'results', '*.egg-info',
+                                                                '*.so'))
+    return folder
 
 
-@pytest.fixture(scope='module')
-def installed_backend(run, tmp_path_factory):
-    """``installed_backend(folder, **environment)``: install a source tree with pip.
-
-    The name of the backend that runs.
-    """
+def test_a_source_distribution_is_built_without_cython_and_runs(source, run, tmp_path):
     if not (importlib.util.find_spec('wheel') or importlib.util.find_spec('setuptools.command.bdist_wheel')):
         pytest.skip('needs setuptools 70.1, or the package wheel')
-
-    def installed_backend(folder, **environment):
-        target = tmp_path_factory.mktemp('target')
-        run([sys.executable, '-m', 'pip', 'install', '-q', '--no-index', '--no-deps', '--no-build-isolation',
-             '--target', target, '.'],
-            folder, **environment)
-        code = ('import numpy as np, dbscan_reg_ros as package; from dbscan_reg_ros.backend_choice import choose\n'
-                'angles = np.linspace(-3.0, 3.0, 300); scan = package.Scan.from_ranges(2.0 + np.abs(np.sin(angles)), '
-                'angles)\n'
-                'print(package.__file__, choose().name, package.register(scan, scan).status.name)')
-        file, name, status = run([sys.executable, '-c', code], target, PYTHONPATH=str(target)).split()
-        assert file.startswith(str(target)) and status != 'FAILED'
-        return name
-    return installed_backend
-
-
-def test_pip_builds_the_steps_where_a_compiler_and_cython_are(source, installed_backend):
-    """Where the compiler is gone, what Cython has generated is of no use."""
-    folder = source()
-    assert installed_backend(folder) == 'compiled'
-    for path in (*folder.rglob('*.o'), *folder.rglob('*.so')):
-        path.unlink()
-    assert [*folder.glob('build/**/steps.c')]
-    assert installed_backend(folder, **NO_COMPILER) == 'reference'
-
-
-def test_pip_installs_the_reference_where_cython_is_missing(source, installed_backend):
-    assert installed_backend(source(), **NO_CYTHON) == 'reference'
-
-
-def test_a_source_distribution_is_built_without_cython(source, run, installed_backend, tmp_path):
-    run([sys.executable, 'setup.py', '-q', 'sdist', '-d', tmp_path], source())
+    run([sys.executable, 'setup.py', '-q', 'sdist', '-d', tmp_path], source)
     archive, = tmp_path.glob('*.tar.gz')
     with tarfile.open(archive) as file:
         file.extractall(tmp_path)
-    folder = next(path.parent for path in tmp_path.glob('*/setup.py'))
-    assert (folder / PACKAGE / 'core' / 'accelerated' / 'steps.c').exists()
-    assert installed_backend(folder, **NO_CYTHON) == 'compiled'
+    folder = next(path.parent for path in tmp_path.glob(f'{PACKAGE}-*/setup.py'))
+    target = tmp_path / 'target'
+    run([sys.executable, '-m', 'pip', 'install', '-q', '--no-index', '--no-deps', '--no-build-isolation', '--target',
+         target, '.'], folder, **NO_CYTHON)
+    code = ('import numpy as np, dbscan_reg_ros as package; angles = np.linspace(-3.0, 3.0, 300)\n'
+            'scan = package.Scan.from_ranges(2.0 + np.abs(np.sin(angles)), angles)\n'
+            'print(package.__file__, package.register(scan, scan).status.name)')
+    file, status = run([sys.executable, '-c', code], target, PYTHONPATH=str(target)).split()
+    assert file.startswith(str(target)) and status != 'FAILED'
+    assert [path.name for path in (target / 'bin').iterdir()] == ['dbscan-reg-ros']
 
 
-def test_setup_prints_nothing_of_its_own(source, run):
+@pytest.mark.parametrize(('environment', 'remedy'), [
+    (NO_CYTHON, 'apt-get install cython3'), ({'CC': 'no-such-compiler'}, 'pip install ziglang'),
+    ({'CC': 'false'}, "'false' failed")], ids=['no Cython', 'no compiler', 'a compiler that fails'])
+def test_what_a_build_lacks_is_its_last_line(source, attempt, environment, remedy):
+    done = attempt(BUILD, source, **environment)
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith(f'{PACKAGE}: its compiled modules ') and remedy in last
+
+
+def test_without_the_headers_of_python_the_last_line_names_them(source, attempt, tmp_path):
+    code = (f"import sys, sysconfig; paths = sysconfig.get_paths; sys.argv = ['setup.py', '-q', 'build_ext']\n"
+            f"sysconfig.get_paths = lambda *given: paths(*given) | {{'include': {str(tmp_path)!r}}}\n"
+            "import runpy; runpy.run_path('setup.py')")
+    done = attempt([sys.executable, '-c', code], source, CC='false')
+    assert done.returncode == 1 and 'apt-get install python3-dev' in done.stderr.splitlines()[-1]
+
+
+def test_setup_prints_nothing_of_its_own_and_needs_neither_cython_nor_a_compiler(source, run):
     """Colcon runs it to learn the name, and ignores the package otherwise."""
-    assert run([sys.executable, 'setup.py', '--name'], source()) == f'{PACKAGE}\n'
+    missing = NO_CYTHON | {'CC': 'no-such-compiler'}
+    assert run([sys.executable, 'setup.py', '--name'], source, **missing) == f'{PACKAGE}\n'
+    run([sys.executable, 'setup.py', '-q', 'egg_info'], source, **missing)
 
 
-def test_setup_and_package_agree_on_the_hash_of_the_sources(root, source, run):
+def test_setup_and_package_agree_on_the_hash_of_the_sources(source, run):
     code = ("import runpy, sys; sys.argv[1:] = ['-q', '--name']; "
-            "print(runpy.run_path('setup.py')['extensions']()[0].define_macros)")
-    assert f'"{backend_choice.source_hash()}"' in run([sys.executable, '-c', code], source())
+            "print([each.define_macros for each in runpy.run_path('setup.py')['extensions']()])")
+    assert f'"{build_check.source_hash()}"' in run([sys.executable, '-c', code], source)

@@ -30,7 +30,6 @@ from ..registration.uncertainty import Observability
 from ..registration.uncertainty import match_covariance as match_covariance
 from ..registration.uncertainty import uncertainty as uncertainty
 
-SOURCE_HASH: str
 STEPS: tuple[str, ...]
 
 def weighted_by_agreement(

@@ -42,17 +42,6 @@ from ..features.points cimport given_or_ones
 from ..geometry.ordering cimport first_largest, sort_stably, sort_up_to_rounding
 from ..geometry.plane cimport bin_of, cross, distance, dot, length_of, modulus, rotated, wrap, wrapped
 
-cdef extern from *:
-    """
-    #ifndef DBSCAN_REG_SOURCE_HASH
-    #define DBSCAN_REG_SOURCE_HASH "unknown"
-    #endif
-    """
-    const char *DBSCAN_REG_SOURCE_HASH
-
-SOURCE_HASH = DBSCAN_REG_SOURCE_HASH.decode()
-"""Hash of the sources that this was built from."""
-
 cdef double TINY = tolerance.TINY, SAME = tolerance.SAME, SIGMAS = tolerance.SIGMAS
 
 include "geometry.pxi"

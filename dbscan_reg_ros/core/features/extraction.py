@@ -1,11 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Extraction of the features of a scan (sections 2.1 and 2.2)."""
+import numpy as np
+
 from ..backend import Backend, default_backend
+from ..errors import ScanError
 from ..parameters.tree import Parameters
 from ..scan import Scan
-from .extract import extract_from_returns
+from .noise import estimate_noise, range_noise
+from .points import finite_points
 from .records import Features
-from .returns import admitted_returns
+from .returns import Returns, admitted_returns
+from .ring_band import ring_band_filter
+from .segments import extract_segments
+from .surfaces import estimate_normals, point_sequence
 
 _DEFAULTS = Parameters()
 
@@ -32,3 +39,25 @@ def extract_features(scan: Scan, parameters: Parameters = _DEFAULTS, noise_ratio
     backend = backend or default_backend()
     returns = admitted_returns(scan, parameters.scan, backend)
     return extract_from_returns(returns, parameters, noise_ratio)
+
+
+def extract_from_returns(returns: Returns, parameters: Parameters, noise_ratio: float | None = None) -> Features:
+    """Extract the features of a scan whose returns are selected already; as `extract_features`."""
+    limits, scan = parameters.scan, returns.scan
+    noise = left = returns.noise
+    filtered, _ = ring_band_filter(returns.points, noise, parameters.filter)
+    points, positions, radii, beams = finite_points(filtered)
+    if len(points) < limits.min_returns:
+        raise ScanError(f'{len(points)} returns remain after the ring band filter; advanced.scan.min_returns asks for '
+                        f'{limits.min_returns}')
+    ratio = returns.noise_ratio if noise_ratio is None else noise_ratio
+    # Before the filter, outliers count as noise. Corners must stand out from this noise, normals and breaks need not.
+    if len(points) < np.count_nonzero(returns.valid):
+        left = min(noise, estimate_noise(radii, limits))
+    sequence = point_sequence(positions, beams, scan.geometry.angle_increment, left, parameters.segments)
+    normals = estimate_normals(sequence, range_noise(radii, left, ratio), parameters.segments)
+    segments = extract_segments(sequence, range_noise(radii, noise, ratio), parameters.segments)
+    if sequence.increment < 0.0:
+        segments = segments.reversed()
+    return Features(scan, points, beams, sequence.breaks, normals.view(float).reshape(-1, 2), segments, left,
+                    parameters.density, ratio, backend=returns.backend)

@@ -1,13 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Oriented points of a scan: points with unit normals, their weights, and how they are sampled."""
+"""Sets of points of a scan: in beam order, with unit normals, and as small objects."""
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
+from ..geometry.tolerance import TINY
 
 Values = TypeVar('Values', FloatArray, ComplexArray)
+
+
+class PointSequence(NamedTuple):
+    """The P points of a scan in beam order, cut into surfaces.
+
+    Attributes
+    ----------
+    points : (P,) complex [m]
+        Positions in the frame of the sensor.
+    radius : (P,) float [m]
+        Range of each point.
+    beams : (P,) int
+    moments : (5, P + 1) float
+        Sums of x, y, xx, xy, yy before each point: the difference of two columns is the sum over a range of points.
+    breaks : (P - 1,) bool
+        True where a point and the next lie on different surfaces.
+    increment : float [rad]
+        Step from one beam to the next.
+    """
+
+    points: ComplexArray
+    radius: FloatArray
+    beams: IntArray
+    moments: FloatArray
+    breaks: BoolArray
+    increment: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,3 +100,35 @@ class OrientedPoints:
 def spacing(size: int, count: int) -> int:
     """Return the index step with which at most `count` of `size` points are selected."""
     return -(-size // count)
+
+
+class SmallObjects(NamedTuple):
+    """The T small objects of a scan.
+
+    Attributes
+    ----------
+    beam : (T,) int
+        First beam with a return from each object.
+    returns : (T,) int
+        Number of returns from each object.
+    nearest : (T,) float [m]
+        Smallest range of each object.
+    front : (T,) complex [m]
+        Midpoint of the first and the last point of each object.
+    width : (T,) float [m]
+        Width of each object: the width covered by `returns` beams at the distance of `front`.
+    without_normals : (T,) bool
+        Whether no point of the object has a normal.
+    """
+
+    beam: IntArray
+    returns: IntArray
+    nearest: FloatArray
+    front: ComplexArray
+    width: FloatArray
+    without_normals: BoolArray
+
+    @property
+    def middle(self) -> ComplexArray:
+        """``(T,)`` complex [m]: centre of each object, under the assumption that it is round."""
+        return self.front * ((self.nearest + 0.5 * self.width) / np.maximum(np.abs(self.front), TINY))

@@ -6,9 +6,28 @@ import numpy as np
 from ..geometry import tolerance
 from .oriented_points import OrientedPoints, spacing
 
-from ..geometry.plane cimport rotated
+from libc.math cimport isfinite
+
+from ..geometry.plane cimport length_of, rotated
 
 cdef double TINY = tolerance.TINY
+
+
+def finite_points(const double[:, :] place):
+    """Return the finite points of a scan ``(P, 2)`` [m], also as complex numbers ``(P,)``, their ranges and beams."""
+    cdef Py_ssize_t size = place.shape[0], k, count = 0
+    points, radii, beams = np.empty((size, 2)), np.empty(size), np.empty(size, np.intp)
+    cdef double[:, ::1] point = points
+    cdef double[::1] radius = radii
+    cdef Py_ssize_t[::1] beam = beams
+    with nogil:
+        for k in range(size):
+            if isfinite(place[k, 0]):
+                point[count, 0], point[count, 1], beam[count] = place[k, 0], place[k, 1], k
+                radius[count] = length_of(place[k, 0], place[k, 1])
+                count += 1
+    points = points[:count]
+    return points, points.view(complex)[:, 0], radii[:count], beams[:count]
 
 
 def build_oriented_points(const double[:, :] points, const double[:, :] normals, const Py_ssize_t[:] beams):

@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from ..geometry import tolerance
-from .oriented_points import OrientedPoints
-from .small_objects import SmallObjects
+from .oriented_points import OrientedPoints, SmallObjects
 from .surfaces import find_breaks
 
 from libc.math cimport fabs

@@ -112,7 +112,7 @@ class Features:
     noise_ratio : float
         Standard deviation of a range as a fraction of the range; 0 where far ranges are not noisier than near ones.
     poles : OrientedPoints or None
-        Points around small objects without normals, from `small_objects.with_poles`.
+        Points around small objects without normals, from `poles.with_poles`.
     weights : (Q,) float or None
         Weight of each point of `oriented_points`, from 0 to 1; None if the points keep their own weights.
     map_points : OrientedPoints or None

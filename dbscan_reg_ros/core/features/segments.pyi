@@ -2,7 +2,7 @@
 """Line segments of a scan: corners (Eq. 6), line fits (Eq. 7) and the kinds of their ends (section 2.2)."""
 from ..geometry.array_types import FloatArray
 from ..parameters.features import SegmentParameters
-from .point_sequence import PointSequence
+from .oriented_points import PointSequence
 from .records import Segments
 
 def extract_segments(sequence: PointSequence, noise: FloatArray, parameters: SegmentParameters) -> Segments: ...

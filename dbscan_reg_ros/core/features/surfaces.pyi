@@ -2,7 +2,7 @@
 """Surfaces of a scan: points in beam order, cut at breakpoints (Eq. 5), and their normals."""
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..parameters.features import SegmentParameters
-from .point_sequence import PointSequence
+from .oriented_points import PointSequence
 
 def point_sequence(
     points: ComplexArray, beams: IntArray, increment: float, noise: float, parameters: SegmentParameters

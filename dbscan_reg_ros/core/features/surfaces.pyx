@@ -3,7 +3,7 @@
 """Surfaces of a scan: points in beam order, cut at breakpoints (Eq. 5), and their normals."""
 import numpy as np
 
-from .point_sequence import PointSequence
+from .oriented_points import PointSequence
 
 from libc.math cimport fabs
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..backend import Backend, default_backend
 from ..errors import ScanError
-from ..features.extract import extract_from_returns
+from ..features.extraction import extract_from_returns
 from ..features.poles import with_poles
 from ..features.records import Features
 from ..features.returns import admitted_returns

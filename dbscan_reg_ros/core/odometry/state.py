@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from types import MappingProxyType
 
-from ..features.noise_history import NoiseRatioHistory
 from ..geometry.se2 import SE2
 from ..no_return import NoReturn
 from ..parameters.odometry import OdometryParameters
@@ -16,6 +15,7 @@ from .models.beam_timing import BeamTimingSearch
 from .models.covariance import CovariancePropagation
 from .models.manhattan import ManhattanHeading
 from .models.motion import ConstantVelocityModel
+from .models.noise_history import NoiseRatioHistory
 from .models.pose_output import PoseOutput
 from .models.scan_order import ScanOrder
 from .models.stamps import ScanInterval, StampFilter

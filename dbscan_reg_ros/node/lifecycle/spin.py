@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from ...allocation import keep_freed_memory
 from ...command_lines import started_as
+from ...core.errors import BuildError
 from ...requirements import MissingPackages, check_packages
 from ...version import add_version
 from .ros_arguments import split_arguments
@@ -52,7 +53,7 @@ def run_node(name: str, description: str, make: Callable[[str], Node], argv: Seq
     _parse(name, description, argv)
     try:
         check_packages(name)
-    except MissingPackages as error:
+    except (MissingPackages, BuildError) as error:
         return _complain(name, error, FAILED)
     stop = _StopSignals()
     _configure_libraries()

@@ -175,9 +175,9 @@ class ScanChecks:
         if period <= 0.0 or -step <= max(CLOCK_STEP[0] * period, CLOCK_STEP[1] * sigma):
             return None
         return ScanWarning(Kind.CLOCK_BACK, f'the clock of the stamps was set back by about {-step:.2g} s, at '
-                           f'{self._stamps[half] / SECOND:.3f} s; expected stamps that increase. The pose goes on, but '
-                           'tf has no newer transform until the stamps pass the old ones: synchronise the clock before '
-                           'the drive, and correct it gradually')
+                           f'{self._stamps[half] / SECOND:.3f} s; expected stamps that increase. Odometry '
+                           'continues, but tf has no newer transform until the stamps pass the old ones: synchronise '
+                           'the clock before the drive, and correct it gradually')
 
     def _in_disorder(self):
         """Whether the last step back is a large one, or many stamps go back (`RESTART`, `DISORDER`)."""

@@ -9,7 +9,7 @@ from rooms import DEGREE, FULL, L_ROOM, look, outline
 from dbscan_reg_ros import Parameters, Scan, ScanError, ScanGeometry
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.noise import estimate_noise
-from dbscan_reg_ros.core.features.point_sequence import PointSequence
+from dbscan_reg_ros.core.features.oriented_points import PointSequence
 from dbscan_reg_ros.core.features.returns import admitted_returns
 from dbscan_reg_ros.core.features.surfaces import estimate_normals, find_breaks
 from dbscan_reg_ros.core.geometry.line_fit import summed_moments

@@ -10,9 +10,9 @@ from rooms import DEGREE, FULL, L_ROOM, look, outline
 from dbscan_reg_ros import SE2, ScanGeometry
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.noise import estimate_noise, estimate_noise_ratio, range_noise
-from dbscan_reg_ros.core.features.noise_history import NoiseRatioHistory
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.features.tables import build_likelihood_field
+from dbscan_reg_ros.core.odometry.models.noise_history import NoiseRatioHistory
 from dbscan_reg_ros.core.parameters.features import ScanParameters
 from dbscan_reg_ros.core.parameters.registration import DensityParameters
 from dbscan_reg_ros.core.registration.pipeline import register

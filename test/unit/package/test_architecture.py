@@ -20,7 +20,7 @@ WORLD_OUTSIDE = {'asyncio', 'builtins', 'datetime', 'glob', 'gzip', 'io', 'loggi
 LAYERS = (
     {'paths', 'allocation', 'command_lines', 'signals', 'lasting_output'},
     {'core'},
-    {'backend_choice', 'version', 'private_graph'},
+    {'backend_choice', 'build_check', 'version', 'private_graph'},
     {'requirements', 'recordings', 'robot'},
     {'evaluation', 'simulation'},
     {'node'},

@@ -7,7 +7,6 @@ import sys
 import pytest
 
 from dbscan_reg_ros import command_lines
-from dbscan_reg_ros.backend_choice import choose
 from dbscan_reg_ros.command_lines import ROOT, command_line, python_line, started_as
 from dbscan_reg_ros.commands.command_line import make_parser
 from dbscan_reg_ros.version import version
@@ -32,7 +31,7 @@ def shown(started, **environment):
 
 def test_from_a_clone_it_runs_elsewhere(tmp_path):
     assert said(command_line('convert', '--version'),
-                tmp_path) == f'dbscan_reg_ros {version()} ({choose().name} backend)\n'
+                tmp_path) == f'dbscan_reg_ros {version()}\n'
 
 
 def test_from_a_clone_with_a_difficult_name_it_runs_elsewhere(root, tmp_path):
@@ -43,7 +42,7 @@ def test_from_a_clone_with_a_difficult_name_it_runs_elsewhere(root, tmp_path):
     line = subprocess.run([sys.executable, '-c', ASK.format(started='x')], cwd=clone, capture_output=True, text=True,
                           check=True,
                           timeout=60).stdout.strip()
-    assert said(line, tmp_path) == f'dbscan_reg_ros {version()} ({choose().name} backend)\n'
+    assert said(line, tmp_path) == f'dbscan_reg_ros {version()}\n'
 
 
 def test_what_ros2_run_has_started_is_named_so():
@@ -60,7 +59,7 @@ def test_what_pip_has_installed_is_named_by_its_executable(tmp_path, on_path):
     path = f'{executable.parent}:{os.environ["PATH"]}' if on_path else os.environ['PATH']
     line = shown(executable, PATH=path)
     assert line == ('dbscan-reg-ros convert --version' if on_path else f"'{executable}' convert --version")
-    assert said(line, tmp_path, PATH=path) == f'dbscan_reg_ros {version()} ({choose().name} backend)\n'
+    assert said(line, tmp_path, PATH=path) == f'dbscan_reg_ros {version()}\n'
 
 
 def test_words_are_quoted_and_the_interpreter_is_this_one(monkeypatch, tmp_path):

@@ -53,8 +53,8 @@ def test_the_architecture_names_every_module_of_the_core_and_every_folder(root):
 @pytest.mark.parametrize('name', DOCUMENTS)
 def test_modules_and_tests_that_are_named_exist(root, name):
     files = {path.name for folder in ('dbscan_reg_ros', 'launch', 'scripts', 'test')
-             for path in (root / folder).rglob('*.py')}
-    named = {path.split('/')[-1] for path in re.findall(r'`([\w/.]+\.py)`', (root / name).read_text())}
+             for path in (root / folder).rglob('*.p*')}
+    named = {path.split('/')[-1] for path in re.findall(r'`([\w/.]+\.(?:py|px[di]|pyx))`', (root / name).read_text())}
     assert named - files <= {'setup.py'}
 
 
@@ -64,7 +64,7 @@ def test_parameters_that_are_named_exist(root, name):
     groups = {group for parameter in known for group in parameter.split('.')[:-1]}
     headings = {parameter.rpartition('.')[0] for parameter in known}
     named = set(re.findall(r'`([a-z_]+(?:\.[a-z_]+)+)(?::[^`]*)?`', (root / name).read_text()))
-    named = {name for name in named if name.split('.')[0] in groups and not name.endswith(('.py', '.md'))}
+    named = {name for name in named if name.split('.')[0] in groups and not name.endswith(('.py', '.pyx', '.md'))}
     assert named <= known | headings
 
 
