@@ -81,8 +81,8 @@ def test_a_source_distribution_is_built_without_cython_and_runs(source, run, tmp
 
 
 @pytest.mark.parametrize(('environment', 'remedy'), [
-    (NO_CYTHON, 'apt-get install cython3'), ({'CC': 'no-such-compiler'}, 'pip install ziglang'),
-    ({'CC': 'false'}, "'false' failed")], ids=['no Cython', 'no compiler', 'a compiler that fails'])
+    (NO_CYTHON, 'apt-get install cython3'), ({'CC': 'no-such-compiler'}, 'pip install ziglang')],
+    ids=['no Cython', 'no compiler'])
 def test_what_a_build_lacks_is_its_last_line(source, attempt, environment, remedy):
     done = attempt(BUILD, source, **environment)
     assert done.returncode == 1
