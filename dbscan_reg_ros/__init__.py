@@ -3,17 +3,13 @@
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from . import backend_choice
 from .build_check import check_build
-from .core.backend import set_default_source
 
 __all__ = [
     'SE2', 'DbscanRegError', 'EndKind', 'Features', 'Hypothesis', 'NodeParameters', 'Odometry', 'OdometryUpdate',
     'ParameterError', 'Parameters', 'Prior', 'RecordingError', 'Registration', 'Scan', 'ScanError',
     'ScanGeometry', 'Segments', 'Status', 'extract_features', 'open_recording', 'read_parameters', 'register',
 ]
-
-set_default_source(backend_choice.choose)
 
 if TYPE_CHECKING:
     from .core.errors import DbscanRegError, ParameterError, RecordingError, ScanError

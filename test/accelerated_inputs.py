@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random and worst inputs for both backends, and what equal results are."""
+"""Random and worst inputs of the compiled steps, and what equal results are."""
 import dataclasses
 
 import numpy as np

@@ -14,7 +14,6 @@ from manifest import NOT_IN_THE_MANIFEST
 from preloaded import ForkedProcess, Preloaded
 
 from dbscan_reg_ros import SE2, RecordingError
-from dbscan_reg_ros.backend_choice import compiled_backend
 from dbscan_reg_ros.commands.processes import Process, package_command
 from dbscan_reg_ros.commands.simulate import main as simulate_command
 from dbscan_reg_ros.private_graph import private_graph
@@ -254,12 +253,6 @@ def cluster():
     distributed = pytest.importorskip('distributed', reason='needs Dask (distributed)')
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=':0') as cluster:
         yield cluster
-
-
-@pytest.fixture(scope='session')
-def compiled():
-    """The backend of the compiled steps."""
-    return compiled_backend()
 
 
 @pytest.fixture(scope='session')

@@ -7,7 +7,6 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..backend_choice import reference_settings
 from ..core.errors import RecordingError
 from ..requirements import missing_line
 from .command_line import (
@@ -223,11 +222,10 @@ def replay_one(job) -> Replayed:
         raise broken or too_few(recording, trajectory)
     summary = results.write(register_command(folder, recording, lidars))
     faults.attempt('latest', point_latest, folder)
-    prefix, names = f'{recording.topic}: ' if others else '', reference_settings(job.parameters)
+    prefix = f'{recording.topic}: ' if others else ''
     lines = [f'results     {folder}', *(line for each in (recording, *(other.recording for other in others))
                                         for line in shortened(each.problems)),
              *(f'{prefix}{line}' for line in shortened(trajectory.problems)),
-             *([f'reference   runs the steps of {", ".join(names)}'] if job.verbose and names else []),
              *(f'{name:11} {value}' for name, value in (*describe_prior(job.parameters, wheels), *summary))]
     return _replayed(results, lines, broken)
 

@@ -5,20 +5,18 @@ from typing import Any
 
 import numpy as np
 
+from ..core.accelerated.steps import estimate_rotations, estimate_translations, k_distances, pair_weights, scores
 from ..core.features.extraction import extract_from_returns
 from ..core.features.returns import admitted_returns
 from ..core.features.ring_band import ring_band_filter
 from ..core.geometry.se2 import SE2, as_vectors, wrap
 from ..core.paper.pipeline import ScanLines, solve
 from ..core.parameters.tree import Parameters
-from ..core.registration.dbscan import k_distances
+from ..core.registration.hypotheses import Rotations, Translations
 from ..core.registration.landmarks import landmarks
 from ..core.registration.pipeline import register, with_common_noise
 from ..core.registration.records import Registration
-from ..core.registration.rotation import Rotations, estimate_rotations, pair_weights
-from ..core.registration.scoring import score
 from ..core.registration.search import Problem
-from ..core.registration.translation import Translations, estimate_translations
 from ..core.scan import Scan
 
 
@@ -139,8 +137,7 @@ class Steps:
         """Return the score and the overlap of the scans at a `motion`."""
         reference, current, p = self.reference.features, self.current.features, self.parameters
         problem = Problem(reference, with_common_noise(reference, current), p)
-        fits = problem.fit(motion.as_array()[None], problem.current.sampled_points)
-        (value,), (overlap,), _ = score(fits, reference, problem.current, p.refinement.score_scale, p.density)
+        (value,), (overlap,), _ = scores(problem, motion.as_array()[None])
         return float(value), float(overlap)
 
     def rotation_distances(self):

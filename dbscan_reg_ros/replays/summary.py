@@ -3,7 +3,6 @@
 import json
 import math
 
-from ..core.backend import REFERENCE, default_backend
 from ..core.registration.records import Status
 from ..recordings.files import replacing
 
@@ -11,7 +10,7 @@ from ..recordings.files import replacing
 def write_metrics(path, recordings, measures, counts, bodies=()):
     """Write ``metrics.json``.
 
-    The file contains name and file of the recording, the backend, notes on how the recording was read, warnings about
+    The file contains name and file of the recording, notes on how the recording was read, warnings about
     its scans, and each measure by its name; null for a measure that is not finite. For several lidars, it also contains
     the number of scans of each lidar by outcome.
 
@@ -32,7 +31,7 @@ def write_metrics(path, recordings, measures, counts, bodies=()):
                 for each in recordings for sighting in each.watch.sightings]
     warnings += [{'topic': topic, 'kind': kind, 'text': text} for topic, kind, text in bodies]
     content = {'recording': recording.name, 'file': str(recording.path), 'topic': recording.topic,
-               'backend': default_backend().name, 'notes': _notes(recordings), 'warnings': warnings}
+               'notes': _notes(recordings), 'warnings': warnings}
     if counts:
         content['lidars'] = {topic: count.measures() for topic, count in counts.items()}
     content |= {name: value if math.isfinite(value) else None for name, value in measures.items()}
@@ -77,10 +76,8 @@ def summarise(measures) -> list:
     if 'driven_m' in measures:
         lines.append(('driven', _driven(measures)))
     if 'ms_p50' in measures:
-        backend = default_backend().name
-        lines += [('time', f'median {measures["ms_p50"]:.2f} ms, p95 {measures["ms_p95"]:.2f} ms per scan; processor '
-                           f'time {measures["processor_ms_mean"]:.2f} ms per scan'),
-                  ('backend', f'{backend} (numpy)' if backend == REFERENCE.name else backend)]
+        lines.append(('time', f'median {measures["ms_p50"]:.2f} ms, p95 {measures["ms_p95"]:.2f} ms per scan; '
+                              f'processor time {measures["processor_ms_mean"]:.2f} ms per scan'))
     return [*lines, *_errors(measures), *_closed(measures)]
 
 

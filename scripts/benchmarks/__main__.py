@@ -16,7 +16,6 @@ BENCHMARKS = {
     'figure4': 'Intel scans and the same points moved, to 1 mm and 0.001 rad',
     'paper': 'Table 1, Table 3 and the example of Figures 4 to 12 beside the published numbers',
     'speed': 'features of one scan plus registration, ours and GICP in turns',
-    'backends': 'processor time of the compiled steps and of the reference, in turns',
     'odometry': 'drift of the odometry on recordings and in simulated worlds',
     'node': 'the running node: latency, load of a core, memory, time to start; two lidars beside one',
     'soak': 'hours of driving: memory, time, containers, equal bits in every run and in the node',
@@ -46,7 +45,7 @@ BENCHMARKS = {
 }
 MODULES = {
     'pairs': 'registration.pairs', 'relations': 'registration.relations', 'synthetic': 'registration.synthetic',
-    'overlap': 'registration.overlap', 'speed': 'registration.speed', 'backends': 'registration.backends',
+    'overlap': 'registration.overlap', 'speed': 'registration.speed',
     'covariance': 'registration.covariance',
     'confidence': 'registration.confidence', 'loops': 'registration.loops',
     'figure4': 'paper.figure4', 'paper': 'paper.paper',
@@ -59,7 +58,7 @@ MODULES = {
     'fingerprint': 'fingerprint.fingerprint',
 }
 """Benchmark -> module of this package."""
-OURS_ONLY = ('backends', 'node', 'soak', 'silent', 'covariance', 'confidence', 'loops', 'ablation', 'page',
+OURS_ONLY = ('node', 'soak', 'silent', 'covariance', 'confidence', 'loops', 'ablation', 'page',
              'lidars', 'heights', 'watch', 'sensors', 'fingerprint')
 """No other method has what they measure."""
 SEEDED = ('narrow', 'passers', 'companions', 'doors', 'pillar', 'stops', 'curved', 'covered', 'spin', 'spinup')

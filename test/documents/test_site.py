@@ -30,7 +30,7 @@ def docs_python(root):
 
 def run(root, *words):
     """Run a command with the package on the path; its output."""
-    variables = os.environ | {'PYTHONPATH': str(root), 'DBSCAN_REG_PURE': '1'}
+    variables = os.environ | {'PYTHONPATH': str(root)}
     # A notebook draws into its own page.
     variables.pop('MPLBACKEND', None)
     done = subprocess.run(words, env=variables,

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled counterparts of whole steps, with the names of the numpy reference: `steps` is one Cython extension."""
+"""Compiled steps of the registration and of the map: `steps` is one Cython extension."""

@@ -2,8 +2,9 @@
 """Types of the compiled steps."""
 from collections.abc import Sequence
 
+from ..features.likelihood_field import LikelihoodField
 from ..features.oriented_points import OrientedPoints
-from ..features.records import Features
+from ..features.records import Features, Segments
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import SE2
 from ..odometry.mapping.correspondences import Correspondences, Pairs, PosePrior
@@ -11,27 +12,73 @@ from ..odometry.mapping.key_frame import KeyFrame
 from ..odometry.mapping.key_frame_window import FramePoses, FreeSpaceStack, KeyFrameWindow, LikelihoodFieldStack
 from ..odometry.mapping.scan_to_map import InitialAlignment
 from ..odometry.models.covariance import PoseMeasurement
-from ..parameters.registration import DensityParameters
+from ..parameters.registration import (
+    DecisionParameters,
+    DensityParameters,
+    RefinementParameters,
+    RotationParameters,
+    TranslationParameters,
+)
 from ..parameters.tree import Parameters
-from ..registration.confidence.evidence import collect_evidence as collect_evidence
-from ..registration.confidence.model import log_odds as log_odds
-from ..registration.degeneracy import search_degenerate_direction as search_degenerate_direction
-from ..registration.pipeline import near_motions as near_motions
-from ..registration.point_to_line import fit as fit
-from ..registration.records import Prior
-from ..registration.rotation import estimate_rotations as estimate_rotations
-from ..registration.rotation import pair_weights as pair_weights
-from ..registration.selection import polish_best as polish_best
-from ..registration.selection import rank_by_density as rank_by_density
-from ..registration.status import assess as assess
-from ..registration.status import find_rivals as find_rivals
-from ..registration.translation import estimate_translations as estimate_translations
-from ..registration.uncertainty import Observability
-from ..registration.uncertainty import match_covariance as match_covariance
-from ..registration.uncertainty import uncertainty as uncertainty
+from ..registration.hypotheses import Assessment, Candidates, Ranking, Rotations, Translations
+from ..registration.point_to_line import Alignment, Fit
+from ..registration.records import Evidence, Prior
+from ..registration.search import Problem
+from ..registration.uncertainty import Observability, Residuals
 
-STEPS: tuple[str, ...]
-
+def fit(
+    candidates: FloatArray, points: OrientedPoints, field: LikelihoodField, min_normal_cosine: float
+) -> Fit: ...
+def refine(
+    candidates: FloatArray, alignment: Alignment, scales: Sequence[float]
+) -> tuple[FloatArray, FloatArray]: ...
+def polish(
+    candidate: FloatArray, found: Fit, points: OrientedPoints, refinement: RefinementParameters
+) -> tuple[FloatArray, Fit]: ...
+def pair_weights(reference: Segments, current: Segments, parameters: RotationParameters) -> FloatArray: ...
+def estimate_rotations(
+    reference: Segments, current: Segments, weights: FloatArray, parameters: RotationParameters
+) -> Rotations: ...
+def k_distances(samples: FloatArray, k: int) -> FloatArray: ...
+def dbscan_circle(samples: FloatArray, eps: float, min_samples: int, period: float) -> IntArray: ...
+def dbscan_plane(samples: ComplexArray, eps: float, min_samples: int) -> IntArray: ...
+def estimate_translations(
+    reference: Segments,
+    current: Segments,
+    rotations: Rotations,
+    weights: FloatArray,
+    parameters: TranslationParameters,
+) -> Translations: ...
+def near_motions(problem: Problem, prior: Prior) -> FloatArray: ...
+def scores(problem: Problem, candidates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]: ...
+def reverse_conflicts(problem: Problem, candidates: FloatArray) -> FloatArray: ...
+def rank_by_density(problem: Problem, candidates: Candidates, min_score: float) -> Ranking: ...
+def polish_best(problem: Problem, fine: Ranking) -> Ranking: ...
+def search_degenerate_direction(candidates: FloatArray, angles: FloatArray, problem: Problem) -> FloatArray: ...
+def uncertainty(
+    candidate: FloatArray, found: Fit, points: OrientedPoints, noise: float, p: Parameters
+) -> tuple[FloatArray, Observability]: ...
+def match_covariance(
+    residuals: Residuals,
+    parameters: DecisionParameters,
+    theta: float,
+    latest_degenerate: bool = False,
+    rotation_unobservable: bool = False,
+) -> tuple[FloatArray, Observability]: ...
+def collect_evidence(
+    candidates: FloatArray,
+    fits: Fit,
+    weak: Sequence[float],
+    reference: Features,
+    current: Features,
+    parameters: Parameters,
+) -> list[Evidence]: ...
+def evidence_terms(evidence: Evidence) -> tuple[float, ...]: ...
+def log_odds(evidence: Evidence, prior: Prior | None = None, candidate: FloatArray | None = None) -> float: ...
+def assess(problem: Problem, fine: Ranking) -> Assessment: ...
+def find_rivals(
+    candidates: FloatArray, direction: float | None, parameters: DecisionParameters
+) -> BoolArray: ...
 def weighted_by_agreement(
     correspondences: Correspondences, own: Correspondences, is_own: BoolArray, scale: float, noise: float
 ) -> Correspondences: ...

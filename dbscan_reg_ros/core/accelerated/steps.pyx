@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
-"""Compiled steps: same names, arguments and results as the functions of the numpy reference.
+"""Compiled steps of the registration and of the map.
 
 Arrays come in and go out; loops run over typed views, without the interpreter. Every index is checked.
 """
@@ -21,21 +21,12 @@ from ..geometry import tolerance
 from ..geometry.se2 import SE2
 from ..odometry.mapping import scan_to_map as map_steps
 from ..odometry.mapping.correspondences import Correspondences, Pairs, PosePrior
-from ..registration import degeneracy as degeneracy_steps
-from ..registration import pipeline as pipeline_steps
-from ..registration import rotation as rotation_steps
-from ..registration import scoring as scoring_steps
-from ..registration import selection as selection_steps
-from ..registration import translation as translation_steps
-from ..registration import uncertainty as uncertainty_steps
-from ..registration.confidence import evidence as evidence_steps
-from ..registration.confidence import model as model_steps
+from ..registration import uncertainty as uncertainty_records
+from ..registration.confidence import model as confidence_model
+from ..registration.hypotheses import Assessment, Ranking, Rotations, Translations
 from ..registration.point_to_line import Fit
 from ..registration.records import Evidence
-from ..registration.rotation import Rotations
-from ..registration.search import Ranking
-from ..registration.status import Assessment
-from ..registration.translation import Translations
+from ..registration.scoring import preselect
 from ..registration.uncertainty import Observability
 
 from ..features.points cimport given_or_ones
@@ -47,8 +38,8 @@ cdef double TINY = tolerance.TINY, SAME = tolerance.SAME, SIGMAS = tolerance.SIG
 include "geometry.pxi"
 include "registration/lookup.pxi"
 include "registration/point_to_line.pxi"
-include "registration/rotation.pxi"
 include "registration/clusters.pxi"
+include "registration/rotation.pxi"
 include "registration/translation.pxi"
 include "registration/scoring.pxi"
 include "registration/ranking.pxi"
@@ -61,11 +52,3 @@ include "mapping/scan_to_map.pxi"
 include "mapping/dynamic_points.pxi"
 include "mapping/local_map.pxi"
 include "models/covariance.pxi"
-
-STEPS = (
-    'fit', 'pair_weights', 'estimate_rotations', 'estimate_translations', 'near_motions', 'rank_by_density',
-    'polish_best',
-    'search_degenerate_direction', 'uncertainty', 'match_covariance', 'collect_evidence', 'log_odds', 'assess',
-    'find_rivals',
-)
-"""Names of the steps."""

@@ -2,7 +2,6 @@
 """Extraction of the features of a scan (sections 2.1 and 2.2)."""
 import numpy as np
 
-from ..backend import Backend, default_backend
 from ..errors import ScanError
 from ..parameters.tree import Parameters
 from ..scan import Scan
@@ -17,8 +16,7 @@ from .surfaces import estimate_normals, point_sequence
 _DEFAULTS = Parameters()
 
 
-def extract_features(scan: Scan, parameters: Parameters = _DEFAULTS, noise_ratio: float | None = None,
-                     backend: Backend | None = None) -> Features:
+def extract_features(scan: Scan, parameters: Parameters = _DEFAULTS, noise_ratio: float | None = None) -> Features:
     """Filter a scan and describe it by points, normals and line segments (sections 2.1 and 2.2).
 
     Parameters
@@ -28,17 +26,13 @@ def extract_features(scan: Scan, parameters: Parameters = _DEFAULTS, noise_ratio
     noise_ratio : float, optional
         Standard deviation of a range as a fraction of the range, if it is known from several scans of this sensor. By
         default it is estimated from this scan.
-    backend : Backend, optional
-        Implementation of the numerical steps; by default the compiled one, if it is built. The features store it.
 
     Raises
     ------
     ScanError
         When fewer than `scan.min_returns` beams have a return.
     """
-    backend = backend or default_backend()
-    returns = admitted_returns(scan, parameters.scan, backend)
-    return extract_from_returns(returns, parameters, noise_ratio)
+    return extract_from_returns(admitted_returns(scan, parameters.scan), parameters, noise_ratio)
 
 
 def extract_from_returns(returns: Returns, parameters: Parameters, noise_ratio: float | None = None) -> Features:
@@ -60,4 +54,4 @@ def extract_from_returns(returns: Returns, parameters: Parameters, noise_ratio: 
     if sequence.increment < 0.0:
         segments = segments.reversed()
     return Features(scan, points, beams, sequence.breaks, normals.view(float).reshape(-1, 2), segments, left,
-                    parameters.density, ratio, backend=returns.backend)
+                    parameters.density, ratio)

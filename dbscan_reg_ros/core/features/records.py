@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from ..backend import REFERENCE, Backend
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.se2 import as_complex, wrap
 from ..parameters.registration import DensityParameters
@@ -117,8 +116,6 @@ class Features:
         Weight of each point of `oriented_points`, from 0 to 1; None if the points keep their own weights.
     map_points : OrientedPoints or None
         Points of other scans that belong to `likelihood_field` as well.
-    backend : Backend
-        Implementation of the steps that run on these features.
     """
 
     scan: Scan
@@ -133,7 +130,6 @@ class Features:
     poles: OrientedPoints | None = None
     weights: FloatArray | None = None
     map_points: OrientedPoints | None = None
-    backend: Backend = REFERENCE
 
     def __repr__(self) -> str:
         return (f'Features({len(self.points)} points, {len(self.segments)} segments, noise {self.noise:.4f} m, '

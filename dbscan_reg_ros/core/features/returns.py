@@ -5,7 +5,6 @@ from functools import cached_property
 
 import numpy as np
 
-from ..backend import REFERENCE, Backend
 from ..errors import ScanError
 from ..geometry.array_types import BoolArray, FloatArray
 from ..geometry.se2 import as_complex
@@ -24,13 +23,11 @@ class Returns:
     points : (N, 2) float [m]
         Points in the frame of the sensor, one for each beam; not finite without an admitted return.
     limits : ScanParameters
-    backend : Backend
     """
 
     scan: Scan
     points: FloatArray
     limits: ScanParameters
-    backend: Backend = REFERENCE
 
     @cached_property
     def valid(self) -> BoolArray:
@@ -54,14 +51,13 @@ class Returns:
         return self.scan.ranges[self.valid].astype(float)
 
 
-def admitted_returns(scan: Scan, limits: ScanParameters, backend: Backend = REFERENCE) -> Returns:
+def admitted_returns(scan: Scan, limits: ScanParameters) -> Returns:
     """Select the returns of a scan between `range_min` and `range_max`.
 
     Parameters
     ----------
     scan : Scan
     limits : ScanParameters
-    backend : Backend
 
     Raises
     ------
@@ -73,7 +69,7 @@ def admitted_returns(scan: Scan, limits: ScanParameters, backend: Backend = REFE
         points = np.where((ranges >= limits.range_min)[:, None], points, np.nan)
     if limits.range_max > 0.0:
         points = np.where((ranges <= limits.range_max)[:, None], points, np.nan)
-    returns = Returns(scan, points, limits, backend)
+    returns = Returns(scan, points, limits)
     count = np.count_nonzero(returns.valid)
     if count < limits.min_returns:
         raise ScanError(f'{count} of {scan.geometry.size} beams have a return; advanced.scan.min_returns asks for '

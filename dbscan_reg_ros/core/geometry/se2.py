@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .array_types import ComplexArray, FloatArray, IntArray
+from .array_types import ComplexArray, FloatArray
 from .rounding import fixed
 
 Angle = TypeVar('Angle', float, FloatArray)
@@ -21,6 +21,12 @@ DOF = 3
 def wrap(angle: Angle) -> Angle:
     """Wrap angle(s) [rad] to [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def wrap_period(angle: Angle, period: float) -> Angle:
+    """Subtract whole periods from angle(s) [rad]; the result is at most half a period from 0."""
+    wrapped: Angle = angle - period * np.rint(angle * (1.0 / period))
+    return wrapped
 
 
 def turn_matrix(theta: float) -> FloatArray:
@@ -45,11 +51,6 @@ def unit_complex(angles: FloatArray) -> ComplexArray:
 def as_complex(vectors: ArrayLike) -> ComplexArray:
     """Return vectors ``(P, 2)`` as complex numbers ``(P,)``."""
     return np.ascontiguousarray(vectors, dtype=float).view(complex)[:, 0]
-
-
-def grouped_sum(group: IntArray, numbers: ComplexArray) -> ComplexArray:
-    """Return the sum of the complex `numbers` ``(P,)`` of each `group`, whose indices ``(P,)`` begin at 0."""
-    return as_complex(np.column_stack((np.bincount(group, numbers.real), np.bincount(group, numbers.imag))))
 
 
 def as_vectors(numbers: ComplexArray) -> FloatArray:

@@ -67,11 +67,6 @@ def solve(equations: FloatArray, damping: float) -> FloatArray:
     return np.array([_step(each, damping) for each in rows]).reshape(-1, DOF)
 
 
-def solve_one(equations: FloatArray, damping: float) -> FloatArray:
-    """Solve one system of normal equations ``(4, 4)``, laid out as in `solve`, for its damped step ``(3,)``."""
-    return np.array(_step(equations.ravel().tolist(), damping))
-
-
 def _step(equations: list[float], damping: float) -> Triple:
     """Solve one system of normal equations for its damped step; `equations` is its (4, 4) array, listed by rows."""
     xx, xy, xt, x, _, yy, yt, y, _, _, tt, t, *_ = equations

@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ..backend import Backend, default_backend
 from ..errors import ScanError
 from ..features.extraction import extract_from_returns
 from ..features.poles import with_poles
@@ -43,8 +42,6 @@ class Odometry:
     parameters : Parameters
         All parameters. They can be replaced at any time; new values apply from the next scan on, and existing key
         frames are not changed.
-    backend : Backend, optional
-        Implementation of the numerical steps; by default the compiled one, if it is built.
     comparisons : LidarComparisons, optional
         Comparison of further lidars with the first one; decides whether they are used.
 
@@ -53,17 +50,11 @@ class Odometry:
     comparisons : LidarComparisons
     """
 
-    def __init__(self, parameters: Parameters = Parameters(), backend: Backend | None = None,
+    def __init__(self, parameters: Parameters = Parameters(),
                  comparisons: LidarComparisons | None = None):
         self.parameters = parameters
         self.comparisons = comparisons or LidarComparisons()
-        self._backend = backend or default_backend()
         self._state, self._repeated = TrackState.initial(SE2(), number=0), RepeatedScans()
-
-    @property
-    def backend(self) -> Backend:
-        """The implementation of the numerical steps (numpy or compiled)."""
-        return self._backend
 
     @property
     def parameters(self) -> Parameters:
@@ -238,7 +229,7 @@ class Odometry:
         p, own = self._with_limits(sensor.limits), self._state.sensors[sensor.name]
         if twist is not None:
             scan = deskew(scan, twist)
-        returns = admitted_returns(scan, p.scan, self._backend)
+        returns = admitted_returns(scan, p.scan)
         noise = own.noise if again else own.noise.after(returns.noise_ratio)
         features = extract_from_returns(returns, p, noise.value)
         own.noise = noise

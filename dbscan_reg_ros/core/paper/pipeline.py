@@ -10,14 +10,13 @@ from ..features.noise import range_noise
 from ..features.records import Segments
 from ..features.returns import admitted_returns
 from ..geometry.array_types import BoolArray, FloatArray, IntArray
-from ..geometry.se2 import DOF, SE2, as_complex
+from ..geometry.se2 import DOF, SE2, as_complex, wrap_period
 from ..geometry.ties import order_up_to_rounding
 from ..geometry.tolerance import RESOLUTION
 from ..parameters.features import ScanParameters
+from ..registration.hypotheses import Rotations, Translations
 from ..registration.records import Hypothesis, Registration, Status
-from ..registration.rotation import Rotations, wrap_period
 from ..registration.status import failed, match_segments
-from ..registration.translation import Translations
 from ..scan import Scan
 from .divergence import divergences
 from .lines import extract_segments, find_breaks

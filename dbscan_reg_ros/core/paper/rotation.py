@@ -6,8 +6,8 @@ import numpy as np
 
 from ..features.records import Segments
 from ..geometry.array_types import FloatArray, IntArray
-from ..geometry.se2 import wrap
-from ..registration.rotation import Rotations, wrap_period
+from ..geometry.se2 import wrap, wrap_period
+from ..registration.hypotheses import Rotations
 
 _EPS = 0.0566
 """Neighbourhood [rad]: the paper's 0.08 in the plane of (d, d) is 0.08 / sqrt(2) in angle."""

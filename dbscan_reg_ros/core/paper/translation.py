@@ -8,7 +8,7 @@ from ..features.records import Segments
 from ..geometry.array_types import ComplexArray, FloatArray
 from ..geometry.se2 import SE2, as_vectors
 from ..geometry.tolerance import TINY
-from ..registration.translation import Translations
+from ..registration.hypotheses import Translations
 
 _PARALLEL = 0.1
 """Open: eps1 of Eq. 12 to begin with [rad]; it shrinks until no more pairs are left than the current scan has lines."""

@@ -4,23 +4,21 @@ import dataclasses
 
 import numpy as np
 
-from ..backend import Backend, default_backend
+from ..accelerated.steps import near_motions
 from ..errors import ScanError
 from ..features.extraction import extract_features
 from ..features.records import Features
-from ..geometry.array_types import FloatArray
 from ..parameters.tree import Parameters
 from ..scan import Scan
+from .hypotheses import Candidates
 from .landmarks import landmark_motions
 from .records import Prior, Registration, Status
-from .scoring import within_gate
-from .search import Candidates, Problem, SearchStage
+from .search import Problem, SearchStage
 from .selection import select_by_density
 
 
 def register(reference: Scan | Features, current: Scan | Features, parameters: Parameters = Parameters(),
-             prior: Prior | None = None, first_stage: SearchStage = SearchStage.NEAR,
-             backend: Backend | None = None) -> Registration:
+             prior: Prior | None = None, first_stage: SearchStage = SearchStage.NEAR) -> Registration:
     """Find the motion that aligns the current scan with the reference; no initial guess is needed.
 
     The beams of a scan count as measured at one instant: the motion during a scan is not removed (`Odometry` removes
@@ -37,9 +35,6 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
         within its gate.
     first_stage : SearchStage
         The stage to begin with. Without a prior `SearchStage.NEAR` is skipped.
-    backend : Backend, optional
-        Implementation of the numerical steps if scans are passed; by default the compiled one, if it is built.
-        `Features` store their own backend.
 
     Returns
     -------
@@ -51,8 +46,7 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
     ScanError
         When a scan has too few returns, or an argument is neither a `Scan` nor `Features`.
     """
-    backend = backend or default_backend()
-    reference, current = (as_features(each, parameters, backend) for each in (reference, current))
+    reference, current = (as_features(each, parameters) for each in (reference, current))
     problem = Problem(reference, with_common_noise(reference, current), parameters, prior)
     if first_stage is SearchStage.WIDE:
         return search_wide(problem)
@@ -64,12 +58,12 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
     return search_wide(problem) if needs_wide_search(found, problem) else found
 
 
-def as_features(scan: Scan | Features, parameters: Parameters, backend: Backend) -> Features:
+def as_features(scan: Scan | Features, parameters: Parameters) -> Features:
     """Extract the features of a scan; `Features` are returned unchanged."""
     if isinstance(scan, Features):
         return scan
     if isinstance(scan, Scan):
-        return extract_features(scan, parameters, backend=backend)
+        return extract_features(scan, parameters)
     raise ScanError(f'a {type(scan).__name__} cannot be registered; expected Scan or Features: '
                     'Scan.from_ranges(ranges, angles)')
 
@@ -91,16 +85,8 @@ def with_common_noise(reference: Features, current: Features) -> Features:
 
 def search_near(problem: Problem, prior: Prior, min_score: float = -np.inf) -> Registration:
     """Select among the prior and the clusters within the gate around it; `min_score` as for `select_by_density`."""
-    motions = problem.current.backend.step(near_motions)(problem, prior)
+    motions = near_motions(problem, prior)
     return select_by_density(problem, Candidates(prior.transform.as_array()[None], motions), min_score)
-
-
-def near_motions(problem: Problem, prior: Prior) -> FloatArray:
-    """Return the translation clusters within the gate around a prior, heaviest first, ``(C, 3)``."""
-    p = problem.parameters
-    rotations = problem.rotations.near(prior.transform.theta, p.prior.gate * prior.rotation_sigma)
-    motions = problem.translations(rotations).transform
-    return motions[within_gate(motions, prior, p.prior)][:p.selection.max_clusters]
 
 
 def search_normal(problem: Problem) -> Registration:

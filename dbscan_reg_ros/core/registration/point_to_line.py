@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Point-to-line correspondences, normal equations and robust iterations."""
-import math
-from collections.abc import Sequence
+"""Point-to-line correspondences and their normal equations."""
 from typing import NamedTuple
 
 import numpy as np
@@ -11,9 +9,6 @@ from ..features.oriented_points import OrientedPoints, spacing
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.robust_kernel import kernel
 from ..geometry.se2 import DOF, unit_complex
-from ..geometry.symmetric_matrix import solve, solve_one
-from ..geometry.tolerance import TINY
-from ..parameters.registration import RefinementParameters
 
 
 def origins(candidates: FloatArray) -> ComplexArray:
@@ -72,32 +67,6 @@ class Fit(NamedTuple):
         return self if step <= 1 else Fit(*(part[:, ::step].copy() for part in self))
 
 
-def fit(candidates: FloatArray, points: OrientedPoints, field: LikelihoodField, min_normal_cosine: float) -> Fit:
-    """Find the correspondences of a scan's points with the reference for each candidate.
-
-    Parameters
-    ----------
-    candidates : (H, 3) array
-    points : OrientedPoints
-        Points of the current scan.
-    field : LikelihoodField
-        Likelihood field of the reference.
-    min_normal_cosine : float
-        Minimum cosine of the angle between corresponding normals.
-    """
-    rotation = unit_complex(candidates[:, 2:])
-    rotated_points = rotation * points.points
-    places = rotated_points + origins(candidates)
-    nearest = field.nearest(places)
-    normals = field.normals.take(nearest)
-    error = points.sharpened((normals * places).real - field.offsets.take(nearest))
-    alike = (normals * (rotation * points.normals)).real > min_normal_cosine
-    if min_normal_cosine < 0.0:
-        # The normal of no point is 0.
-        alike &= nearest != len(field.normals) - 1
-    return Fit(error, alike, points.sharpened(normals), rotated_points, places)
-
-
 def jacobian(normals: ComplexArray, rotated_points: ComplexArray, rows: int = DOF) -> FloatArray:
     """Return ``(..., rows, P)``: the first 3 rows are the derivatives of the errors with respect to x, y and theta.
 
@@ -154,11 +123,6 @@ def shared_information(rows: FloatArray, weight: FloatArray, own: FloatArray) ->
     return information
 
 
-def mean_square(error: FloatArray, weight: FloatArray) -> float:
-    """Return the weighted mean [m^2] of the squared errors ``(P,)`` [m]."""
-    return float(error * weight @ error) / max(float(weight.sum()), TINY)
-
-
 class Alignment(NamedTuple):
     """Points, likelihood field and settings with which candidates are refined.
 
@@ -178,67 +142,3 @@ class Alignment(NamedTuple):
     field: LikelihoodField
     min_normal_cosine: float
     damping: float
-
-
-def refine(candidates: FloatArray, alignment: Alignment, scales: Sequence[float],
-           known: Fit | None = None) -> tuple[FloatArray, FloatArray]:
-    """Refine all candidates together in robust point-to-line iterations, one iteration per entry of `scales` [m].
-
-    Parameters
-    ----------
-    candidates : (H, 3) array
-    alignment : Alignment
-    scales : sequence of float [m]
-        Scale of the robust kernel in each iteration.
-    known : Fit, optional
-        Fit of the candidates before the refinement, if it is known.
-
-    Returns
-    -------
-    candidates : (H, 3) array
-    equations : (H, 4, 4) array
-        The `normal_equations` of the last iteration.
-    """
-    points, field, min_normal_cosine, damping = alignment
-    candidates, equations = candidates.copy(), np.zeros((len(candidates), DOF + 1, DOF + 1))
-    for scale in scales:
-        now, known = known or fit(candidates, points, field, min_normal_cosine), None
-        equations = normal_equations(now.rows(), points.weighted(now.weight(scale)))
-        candidates -= solve(equations, damping)
-    return candidates, equations
-
-
-def next_step(found: Fit, points: OrientedPoints, scale: float, damping: float) -> FloatArray:
-    """Return the step ``(3,)`` of one more iteration with a kernel of `scale` [m], from the `Fit` of one candidate."""
-    weight = points.weighted(found.weight(scale))[0]
-    step: FloatArray = -solve_one(normal_equations(found.rows()[0], weight), damping)
-    return step
-
-
-def polish(candidate: FloatArray, found: Fit, points: OrientedPoints,
-           refinement: RefinementParameters) -> tuple[FloatArray, Fit]:
-    """Refine one candidate ``(3,)`` with a kernel that narrows to the spread of the errors.
-
-    The correspondences of `found`, the candidate's `Fit`, are kept, so the errors are linear in the step. A candidate
-    that would move farther than the first kernel scale, as may happen along a corridor, is returned unchanged.
-
-    Returns
-    -------
-    candidate : (3,) array
-    found : Fit
-        Fit of the refined candidate (H = 1).
-    """
-    if not refinement.polish_iterations:
-        return candidate, found
-    rows, weights = found.rows()[0], points.weighted(found.alike[0].astype(float))
-    total, scale = np.zeros(DOF), refinement.final_scale
-    for _ in range(refinement.polish_iterations):
-        weight = kernel(rows[DOF], scale) * weights
-        equations = normal_equations(rows, weight)
-        step = solve_one(equations, refinement.damping)
-        scale = refinement.narrowed(scale, math.sqrt(float(equations[DOF, DOF]) / max(float(weight.sum()), TINY)))
-        total += step
-        rows[DOF] -= step @ rows[:DOF]
-    if math.hypot(total[0], total[1]) >= refinement.final_scale:
-        return candidate, found
-    return candidate - total, found._replace(error=rows[DOF:])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records of a registration: status, hypotheses, samples of translations, prior, result."""
+"""Records of a registration: status, hypotheses, evidence, prior, result."""
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..geometry.array_types import ComplexArray, FloatArray, IntArray
-from ..geometry.se2 import DOF, SE2, turned, wrap
+from ..geometry.array_types import FloatArray, IntArray
+from ..geometry.se2 import SE2, turned, wrap
 
 
 class Status(Enum):
@@ -48,30 +48,6 @@ def sigma_text(covariance: FloatArray, frame: str) -> str:
 def no_matches() -> IntArray:
     """Return an empty array of segment pairs, ``(0, 2)``."""
     return np.empty((0, 2), dtype=int)
-
-
-def no_motions() -> FloatArray:
-    """Return an empty array of motions, ``(0, 3)``."""
-    return np.empty((0, DOF))
-
-
-class TranslationSamples(NamedTuple):
-    """Samples of translations, S of them, before they are clustered.
-
-    Attributes
-    ----------
-    translation : (S,) complex [m]
-    weight : (S,) float
-    rotation : (S,) int
-        The rotation hypothesis that each sample belongs to.
-    find_shortest : callable
-        Function that computes the shortest motions that align the lines, ``(K, 3)``.
-    """
-
-    translation: ComplexArray
-    weight: FloatArray
-    rotation: IntArray
-    find_shortest: Callable[[], FloatArray] = no_motions
 
 
 class Evidence(NamedTuple):

@@ -4,44 +4,20 @@ import cmath
 import dataclasses
 import math
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
+from ..accelerated.steps import assess, log_odds
 from ..features.records import Segments
 from ..geometry.array_types import BoolArray, FloatArray, IntArray
-from ..geometry.se2 import DOF, SE2, as_complex, turn_matrix, unit_complex, wrap
+from ..geometry.se2 import DOF, SE2, as_complex, turn_matrix, unit_complex, wrap, wrap_period
 from ..geometry.tolerance import SAME
 from ..parameters.registration import DecisionParameters
-from .confidence.evidence import collect_evidence
-from .confidence.model import LIKELY, confidence, log_odds, probability
+from .confidence.model import LIKELY, confidence, probability
+from .hypotheses import Ranking
 from .records import UNKNOWN_HEADING, Evidence, Hypothesis, Prior, Registration, Status
-from .rotation import wrap_period
-from .scoring import same
-from .search import Problem, Ranking
-from .uncertainty import PRIOR_INFORMATION, Observability, uncertainty
-
-
-class Assessment(NamedTuple):
-    """Assessment of the best of H hypotheses.
-
-    Attributes
-    ----------
-    covariance : (3, 3) float
-        Covariance in the current sensor's frame [m, m, rad].
-    observed : Observability
-    rivals : (H,) bool
-        Which hypotheses are different motions from the best.
-    evidence : Evidence
-    odds : list of float
-        Log-odds of all hypotheses.
-    """
-
-    covariance: FloatArray
-    observed: Observability
-    rivals: BoolArray
-    evidence: Evidence
-    odds: list[float]
+from .search import Problem
+from .uncertainty import PRIOR_INFORMATION, Observability
 
 
 def decide(problem: Problem, fine: Ranking) -> Registration:
@@ -55,7 +31,7 @@ def decide(problem: Problem, fine: Ranking) -> Registration:
     """
     reference, current, p = problem.reference, problem.current, problem.parameters.decision
     score = float(fine.score[0])
-    covariance, observed, rivals, evidence, odds = current.backend.step(assess)(problem, fine)
+    covariance, observed, rivals, evidence, odds = assess(problem, fine)
     degenerate = observed.weak < p.min_information
     certainty = confidence(odds[0], np.array(odds)[rivals].tolist())
     hypotheses = tuple(Hypothesis(SE2.from_array(candidate), *values) for candidate, *values
@@ -77,33 +53,6 @@ def decide(problem: Problem, fine: Ranking) -> Registration:
         rotation_unobservable=observed.rotation < p.min_information, confidence=certainty, evidence=evidence,
         rivals=tuple(each for each, rival in zip(hypotheses, rivals.tolist(), strict=True) if rival))
     return found if problem.prior is None else demoted_if_poor(found, p)
-
-
-def assess(problem: Problem, fine: Ranking) -> Assessment:
-    """Assess the best of the refined hypotheses: its uncertainty, its rivals, the evidence for it, and all log-odds."""
-    reference, current, p = problem.reference, problem.current, problem.parameters
-    best, noise = fine.candidates[0], max(reference.noise, current.noise)
-    covariance, observed = uncertainty(best, fine.best, current.sampled_points, noise, p)
-    degenerate = observed.weak < p.decision.min_information
-    rivals = find_rivals(fine.candidates, observed.angle if degenerate else None, p.decision)
-    evidence, = collect_evidence(fine.candidates[:1], fine.best, (observed.weak,), reference, current, p)
-    odds = [log_odds(evidence, problem.prior, best), *fine.odds[1:].tolist()]
-    return Assessment(covariance, observed, rivals, evidence, odds)
-
-
-def find_rivals(candidates: FloatArray, direction: float | None, parameters: DecisionParameters) -> BoolArray:
-    """Return which hypotheses ``(H, 3)`` differ from the first by `decision.rival_distance` or `decision.rival_angle`.
-
-    Differences along a degenerate `direction` [rad] do not count.
-    """
-    level = candidates if direction is None else slid(candidates, candidates[0], direction)
-    return ~same(level, candidates[0], parameters.rival_distance, parameters.rival_angle)
-
-
-def slid(candidates: FloatArray, one: FloatArray, angle: float) -> FloatArray:
-    """Shift the hypotheses ``(H, 3)`` along `angle` [rad] so that they do not differ from `one` in that direction."""
-    along = np.array([math.cos(angle), math.sin(angle), 0.0])
-    return candidates - np.outer((candidates - one) @ along, along)
 
 
 def rival_covariance(candidates: FloatArray, odds: FloatArray, rivals: BoolArray) -> FloatArray:

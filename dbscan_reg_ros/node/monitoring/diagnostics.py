@@ -251,7 +251,6 @@ class Diagnostics:
         """Values of the latest registration, and the estimated correction of the wheel odometry."""
         latest = self._latest()
         update, direction = latest.update, latest.degenerate_direction
-        yield 'backend', update.features.backend.name if update else '-'
         yield 'overlap', f'{update.registration.overlap:.2f}' if update and update.registration else '-'
         yield 'degenerate direction [rad]', '-' if direction is None else f'{direction:.3f}'
         correction = latest.wheel_correction

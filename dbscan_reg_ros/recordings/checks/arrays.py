@@ -4,7 +4,6 @@ import functools
 import warnings
 from collections import defaultdict
 
-from ...core.backend import Backend
 from ...core.geometry.se2 import SE2
 from ...core.odometry import pipeline
 from ...core.odometry.calibration.comparisons import LidarComparisons
@@ -27,8 +26,6 @@ class Odometry(pipeline.Odometry):
     parameters : Parameters
         All parameters. They can be replaced at any time; new values apply from the next scan on, and existing key
         frames are not changed.
-    backend : Backend, optional
-        Implementation of the numerical steps; by default the compiled one, if it is built.
     comparisons : LidarComparisons, optional
         Comparison of further lidars with the first one; decides whether they are used.
 
@@ -37,9 +34,9 @@ class Odometry(pipeline.Odometry):
     comparisons : LidarComparisons
     """
 
-    def __init__(self, parameters: Parameters = Parameters(), backend: Backend | None = None,
+    def __init__(self, parameters: Parameters = Parameters(),
                  comparisons: LidarComparisons | None = None):
-        super().__init__(parameters, backend, comparisons)
+        super().__init__(parameters, comparisons)
         self._checks: dict[str, ScanChecks] = defaultdict(ScanChecks)
         self._stamps: dict[str, int] = {}
         self._warned: set[tuple[str, Kind]] = set()

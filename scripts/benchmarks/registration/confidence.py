@@ -6,11 +6,12 @@ import os
 
 import numpy as np
 
+from dbscan_reg_ros.core.accelerated.steps import evidence_terms
 from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.parameters.tree import Parameters
-from dbscan_reg_ros.core.registration.confidence.model import TERMS, confidence
+from dbscan_reg_ros.core.registration.confidence.model import COEFFICIENTS, confidence
 from dbscan_reg_ros.core.registration.confidence.ranking import evidence_of
 from dbscan_reg_ros.core.registration.pipeline import register
 from dbscan_reg_ros.core.registration.records import Status
@@ -69,7 +70,7 @@ def hypotheses(trials) -> list:
         if found:
             candidates = np.array([each.transform.as_array() for each in found])
             evidence, _ = evidence_of(Problem(*features, Parameters()), candidates)
-            results.append((np.array([[term(each) for term in TERMS.values()] for each in evidence]),
+            results.append((np.array([evidence_terms(each) for each in evidence]),
                             np.array([is_right(trial, each.transform) for each in found])))
     return results
 
@@ -161,7 +162,8 @@ def cross_validated(found, weight) -> tuple:
 def coefficient_lines(intercept, coefficients) -> str:
     """Format fitted coefficients as they stand in `confidence/model.py`."""
     return '\n'.join([f'INTERCEPT = {intercept:.3f}', 'COEFFICIENTS = {',
-                      *(f'    {name!r}: {value:.3f},' for name, value in zip(TERMS, coefficients, strict=True)), '}'])
+                      *(f'    {name!r}: {value:.3f},' for name, value in zip(COEFFICIENTS, coefficients, strict=True)),
+                      '}'])
 
 
 def calibration(confidence, right) -> tuple:

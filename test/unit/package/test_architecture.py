@@ -20,7 +20,7 @@ WORLD_OUTSIDE = {'asyncio', 'builtins', 'datetime', 'glob', 'gzip', 'io', 'loggi
 LAYERS = (
     {'paths', 'allocation', 'command_lines', 'signals', 'lasting_output'},
     {'core'},
-    {'backend_choice', 'build_check', 'version', 'private_graph'},
+    {'build_check', 'version', 'private_graph'},
     {'requirements', 'recordings', 'robot'},
     {'evaluation', 'simulation'},
     {'node'},
@@ -153,7 +153,8 @@ def test_modules_import_each_other_in_no_circle(graph):
 def test_folders_import_each_other_in_no_circle(graph):
     folders = {module.rpartition('.')[0] for module in graph.paths}
     found = {folder: nodes for folder in folders if (nodes := circle(graph.among(folder)))}
-    assert found == {f'{PACKAGE}.core': ['accelerated', 'odometry']}, 'one is known: map steps lie in accelerated'
+    assert found == {f'{PACKAGE}.core': ['accelerated', 'odometry', 'paper', 'registration']}, (
+        'one is known: steps of the registration, which the paper uses, and of the map lie in accelerated')
 
 
 def test_layers_import_only_lower_layers_and_their_own(graph):

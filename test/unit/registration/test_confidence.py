@@ -10,9 +10,11 @@ from benchmarks.registration import overlap
 from rooms import FULL, HALF, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Parameters, Prior, Scan, Status, register
+from dbscan_reg_ros.core.accelerated.steps import log_odds
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.registration.confidence.evidence import compare_ends, seen
-from dbscan_reg_ros.core.registration.confidence.model import confidence, log_odds, probability
+from dbscan_reg_ros.core.registration.confidence.model import confidence, probability
+from dbscan_reg_ros.core.registration.confidence.ranking import evidence_of
+from dbscan_reg_ros.core.registration.search import Problem
 
 ROOM = outline(L_ROOM)
 START, END = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)
@@ -23,18 +25,25 @@ def features(pose, geometry=FULL, walls=ROOM, seed=0):
     return extract_features(look(walls, pose, geometry, 0.01, seed))
 
 
-def test_the_points_of_the_same_scan_are_visible_and_on_its_outline():
+def evidence(reference, current, motion):
+    """That for a motion."""
+    (found,), _ = evidence_of(Problem(reference, current, Parameters()), motion.as_array()[None])
+    return found
+
+
+def test_the_points_of_the_same_scan_are_on_its_outline_and_do_not_conflict():
     scan = features(START)
-    view = seen(scan.sampled_points.points, scan.free_space, 0.15)
-    assert view.visible.all() and view.on_outline.all() and not view.conflict.any()
+    found = evidence(scan, scan, SE2())
+    assert found.on_outline == len(scan.sampled_points)
+    assert found.conflicts_current == found.conflicts_reference == found.unmatched_ends == 0
 
 
 def test_points_in_front_of_the_outline_conflict_and_points_behind_it_are_hidden():
-    scan = features(START)
-    places = scan.sampled_points.points
-    front, behind = (seen(factor * places, scan.free_space, 0.15) for factor in (0.5, 2.0))
-    assert front.visible.all() and not front.on_outline.any() and front.conflict.mean() > 0.9
-    assert not (behind.visible.any() or behind.on_outline.any() or behind.conflict.any())
+    """Half of a room, in it, and the room around the half."""
+    whole, half = features(SE2()), features(SE2(), walls=0.5 * ROOM)
+    inside, around = evidence(whole, half, SE2()), evidence(half, whole, SE2())
+    assert inside.conflicts_current > 0.9 and around.conflicts_reference > 0.9
+    assert inside.conflicts_reference == around.conflicts_current == inside.on_outline == around.on_outline == 0
 
 
 def test_corners_are_counted_once():
@@ -46,14 +55,9 @@ def test_corners_are_counted_once():
 def test_ends_match_where_the_motion_is_right_and_are_missed_elsewhere():
     reference, current = features(SE2()), features(START, seed=1)
     ends = len(reference.segments.fixed_ends) + len(current.segments.fixed_ends)
-    matched, unmatched = compare_ends(reference, current, motion(START), 0.15)
-    assert matched >= ends - 2 and unmatched <= 2
-    matched, unmatched = compare_ends(reference, current, motion(SE2(0.8, 0.5, 0.3)), 0.15)
-    assert matched <= 2 and unmatched >= 2
-
-
-def motion(pose):
-    return complex(pose.x, pose.y), complex(math.cos(pose.theta), math.sin(pose.theta))
+    found, missed = (evidence(reference, current, motion) for motion in (START, SE2(0.8, 0.5, 0.3)))
+    assert found.matched_ends >= ends - 2 and found.unmatched_ends <= 2
+    assert missed.matched_ends <= 2 and missed.unmatched_ends >= 2
 
 
 @pytest.mark.parametrize(('walls', 'turn'), [(ROOM, 0.6), (HALL, 0.4)])
@@ -101,8 +105,8 @@ def test_a_room_seen_again_is_certain():
 
 @pytest.mark.parametrize('side', ['conflicts_current', 'conflicts_reference'])
 def test_conflicts_with_free_space_lower_the_log_odds(side):
-    evidence = register(features(START), features(END, seed=1)).evidence
-    values = [log_odds(evidence._replace(**{side: each})) for each in (0.0, 0.1, 0.3)]
+    found = register(features(START), features(END, seed=1)).evidence
+    values = [log_odds(found._replace(**{side: each})) for each in (0.0, 0.1, 0.3)]
     assert values == sorted(values, reverse=True)
 
 
@@ -122,9 +126,9 @@ def test_random_ranges_make_conflicts_weak_evidence():
 
 
 def test_more_of_a_structure_raises_the_log_odds():
-    evidence = register(features(START), features(END, seed=1)).evidence
+    found = register(features(START), features(END, seed=1)).evidence
     for name, more in (('matched_ends', 4), ('crossing', 3.0), ('weak', 30.0), ('on_outline', 50)):
-        assert log_odds(evidence._replace(**{name: getattr(evidence, name) + more})) > log_odds(evidence)
+        assert log_odds(found._replace(**{name: getattr(found, name) + more})) > log_odds(found)
 
 
 def test_nothing_found_has_no_confidence():

@@ -6,19 +6,30 @@ import pytest
 from sklearn.cluster import DBSCAN
 from sklearn.neighbors import NearestNeighbors
 
-from dbscan_reg_ros.core.registration.dbscan import dbscan_line, dbscan_plane, k_distances, knee
+from dbscan_reg_ros.core.accelerated.steps import dbscan_circle, k_distances
+from dbscan_reg_ros.core.accelerated.steps import dbscan_plane as dbscan_of_complex
 
 SEEDS = range(40)
+FAR = 1e6
+"""Circumference of a circle on which numbers are as on a line."""
 
 
-def expected(samples, sigma, min_samples, weights=None, period=None):
+def dbscan_line(samples, sigma, min_samples, period=FAR):
+    return dbscan_circle(samples, sigma, min_samples, period)
+
+
+def dbscan_plane(samples, sigma, min_samples):
+    return dbscan_of_complex(samples[:, 0] + 1j * samples[:, 1], sigma, min_samples)
+
+
+def expected(samples, sigma, min_samples, period=None):
     """Labels by scikit-learn; on a circle from the table of distances."""
     samples = np.asarray(samples, dtype=float).reshape(len(samples), -1)
     if period is None:
-        return DBSCAN(eps=sigma, min_samples=min_samples).fit_predict(samples, sample_weight=weights)
+        return DBSCAN(eps=sigma, min_samples=min_samples).fit_predict(samples)
     apart = np.abs(samples - samples.T)
     around = np.minimum(apart, period - apart)
-    return DBSCAN(eps=sigma, min_samples=min_samples, metric='precomputed').fit_predict(around, sample_weight=weights)
+    return DBSCAN(eps=sigma, min_samples=min_samples, metric='precomputed').fit_predict(around)
 
 
 def drawn(seed, dimensions=1):
@@ -56,17 +67,6 @@ def test_points_are_clustered_as_by_scikit_learn(seed):
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-def test_weights_count_as_so_many_samples(seed):
-    samples, sigma, _, rng = drawn(seed, 2)
-    weights = rng.integers(0, 5, len(samples)) * 0.5
-    for min_samples in (1, 3, 6):
-        np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_samples, weights),
-                                      expected(samples[:, 0], sigma, min_samples, weights))
-        np.testing.assert_array_equal(dbscan_plane(samples, sigma, min_samples, weights),
-                                      expected(samples, sigma, min_samples, weights))
-
-
-@pytest.mark.parametrize('seed', SEEDS)
 def test_duplicates_and_distances_equal_to_sigma(seed):
     """Whole numbers: many samples coincide, many are exactly sigma apart."""
     rng = np.random.default_rng(seed)
@@ -82,7 +82,6 @@ def test_duplicates_and_distances_equal_to_sigma(seed):
 
 
 def test_samples_above_one_another_are_clustered_like_those_beside_one_another():
-    """Neighbours are looked for along the first axis; where nearly all are near along it, in a tree."""
     rng = np.random.default_rng(0)
     above = np.column_stack((rng.integers(0, 3, 300), rng.integers(0, 400, 300))).astype(float)
     for min_samples in (1, 2, 4):
@@ -95,7 +94,7 @@ def test_a_border_sample_goes_to_the_first_cluster_that_reaches_it():
     samples = np.array([3.0, 3.5, 4.0, 2.0, 1.0, 0.5, 0.0])
     found = dbscan_line(samples, 1.0, 4)
     np.testing.assert_array_equal(found, expected(samples, 1.0, 4))
-    np.testing.assert_array_equal(dbscan_plane(samples[:, None], 1.0, 4), found)
+    np.testing.assert_array_equal(dbscan_plane(np.column_stack((samples, 0.0 * samples)), 1.0, 4), found)
 
 
 def test_a_cluster_that_straddles_the_end_of_the_circle_is_one():
@@ -130,37 +129,16 @@ def test_no_sample_and_one_sample(min_samples, label):
     np.testing.assert_array_equal(dbscan_plane(np.array([[1.0, 2.0]]), 0.1, min_samples), label)
 
 
-@pytest.mark.parametrize('dimensions', [1, 2])
 @pytest.mark.parametrize('k', [1, 2, 5])
-def test_k_distances_are_those_to_the_kth_nearest_neighbour_largest_first(dimensions, k):
+def test_k_distances_are_those_to_the_kth_nearest_neighbour_largest_first(k):
     for seed in range(10):
-        samples, _, _, _ = drawn(seed, dimensions)
+        samples, _, _, _ = drawn(seed)
         size = min(k, len(samples) - 1)
         nearest = NearestNeighbors(n_neighbors=size + 1).fit(samples).kneighbors(samples)[0][:, -1]
-        found = k_distances(samples[:, 0] if dimensions == 1 else samples, k)
-        np.testing.assert_allclose(found, np.sort(nearest)[::-1], atol=1e-12)
+        np.testing.assert_allclose(k_distances(samples[:, 0], k), np.sort(nearest)[::-1], atol=1e-12)
 
 
 def test_k_distances_of_no_sample_and_one_sample():
     assert len(k_distances(np.empty(0), 1)) == 0
     np.testing.assert_array_equal(k_distances(np.array([3.0]), 2), [0.0])
     np.testing.assert_array_equal(k_distances(np.array([3.0, 4.0]), 5), [1.0, 1.0])
-
-
-def test_the_knee_lies_where_the_graph_turns_flat():
-    """Twenty samples 0.01 apart, five far from everything: the graph falls steeply and then runs at 0.01."""
-    dense = 0.01 * np.arange(20)
-    sparse = np.array([3.0, 5.0, 8.0, 12.0, 17.0])
-    assert knee(k_distances(np.concatenate((sparse, dense)), 1)) == pytest.approx(0.01)
-
-
-def test_the_knee_of_a_flat_or_short_graph_is_its_least_distance():
-    assert knee(np.array([0.2, 0.2, 0.2, 0.2])) == 0.2
-    assert knee(np.array([0.5, 0.1])) == 0.1
-    assert knee(np.empty(0)) == 0.0
-
-
-def partition(labels):
-    """The clusters as sets of samples, and the noise."""
-    return {frozenset(np.flatnonzero(labels == label))
-            for label in set(labels) - {-1}}, frozenset(np.flatnonzero(labels == -1))

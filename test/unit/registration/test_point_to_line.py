@@ -7,19 +7,11 @@ import pytest
 from l_room import DENSITY, END, START, features, fitted, rows
 
 from dbscan_reg_ros import SE2, Parameters
+from dbscan_reg_ros.core.accelerated.steps import fit, polish, refine
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.features.tables import build_likelihood_field
 from dbscan_reg_ros.core.geometry.symmetric_matrix import solve
-from dbscan_reg_ros.core.registration.point_to_line import (
-    Alignment,
-    fit,
-    jacobian,
-    mean_square,
-    normal_equations,
-    polish,
-    refine,
-    shared_information,
-)
+from dbscan_reg_ros.core.registration.point_to_line import Alignment, jacobian, normal_equations, shared_information
 
 PARAMETERS = Parameters()
 MOTION = START.inverse() @ END
@@ -89,12 +81,6 @@ def test_a_damped_step_is_that_of_the_damped_matrix():
     assert solve(np.zeros((1, 4, 4)), 0.1)[0].tolist() == [0.0, 0.0, 0.0]
 
 
-def test_the_mean_square_is_that_of_the_points_errors():
-    """Three points with errors of 1, 2 and 3 m, of which the last weighs twice."""
-    assert mean_square(np.array([1.0, 2.0, 3.0]), np.array([1.0, 1.0, 2.0])) == (1.0 + 4.0 + 2.0 * 9.0) / 4.0
-    assert mean_square(np.ones(3), np.zeros(3)) == 0.0
-
-
 def polished(reference, current, candidate):
     """The last iterations of a candidate ``(3,)``, over all points."""
     found = fit(candidate[None], current.oriented_points, reference.likelihood_field, DENSITY.min_normal_cosine)
@@ -113,14 +99,6 @@ def test_every_candidate_is_refined_to_the_motion():
     assert np.abs(near[1] - MOTION.as_array()).max() > 0.04
     last, _ = polished(reference, current, found[0])
     assert np.abs(last - MOTION.as_array()).max() < 5e-4
-
-
-def test_refining_from_a_known_fit_is_refining():
-    reference, current = features(START), features(END)
-    usual, known = (refine(rows(NEAR), alignment(reference, current), [0.1, 0.05], known)
-                    for known in (None, fitted(reference, current, MOTION, NEAR).select([1])))
-    np.testing.assert_array_equal(usual[0], known[0])
-    np.testing.assert_array_equal(usual[1], known[1])
 
 
 def test_a_candidate_that_would_creep_farther_than_the_kernel_stays():

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from rooms import L_ROOM, look, outline
 
+from dbscan_reg_ros.core.accelerated.steps import estimate_rotations, k_distances, pair_weights
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.records import Segments
 from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
 from dbscan_reg_ros.core.parameters.registration import RotationParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
-from dbscan_reg_ros.core.registration.dbscan import k_distances, knee
-from dbscan_reg_ros.core.registration.rotation import estimate_rotations, pair_weights
 
 DEFAULT = RotationParameters()
 
@@ -50,19 +49,6 @@ def test_directed_lines_tell_every_rotation(degrees):
     assert (np.diff(found.weight) <= 0.0).all()
 
 
-def test_hypotheses_near_an_angle_keep_their_samples():
-    found = rotations(lines([0.0, 1.0, 3.0], [3.0, 2.0, 1.0]), lines([3.1, -2.2, 0.1], [3.0, 2.0, 1.0]), DEFAULT)
-    near = found.near(math.pi, 0.3)
-    kept = np.abs(wrap(found.phi - math.pi)) <= 0.3
-    assert 0 < len(near.phi) == kept.sum() < len(found.phi)
-    np.testing.assert_array_equal(near.phi, found.phi[kept])
-    np.testing.assert_array_equal(near.weight, found.weight[kept])
-    for cluster, before in enumerate(np.flatnonzero(kept)):
-        np.testing.assert_array_equal(near.labels == cluster, found.labels == before)
-    assert (near.labels >= 0).sum() == np.isin(found.labels, np.flatnonzero(kept)).sum()
-    assert not len(found.near(1.5, 1e-6).phi)
-
-
 def test_all_differences_are_there():
     found = rotations(lines([0.0, 1.0]), lines([0.3, 0.5, -3.0]), DEFAULT)
     np.testing.assert_allclose(found.difference, [[-0.3, -0.5, 3.0], [0.7, 0.5, wrap(4.0)]])
@@ -79,10 +65,21 @@ def test_sigma_from_the_k_dist_graph_has_min_points_k_plus_1():
     for min_points in (1, 2, 4):
         parameters = RotationParameters(eps=0.0, min_samples=min_points, eps_min=0.0001, eps_max=3.0)
         found = rotations(*differences(values), parameters)
-        assert found.eps == pytest.approx(knee(k_distances(wrap(values), max(min_points - 1, 1))))
+        graph = k_distances(wrap(values), max(min_points - 1, 1))
+        # The knee lies farthest below the chord between the ends of the graph.
+        assert found.eps == pytest.approx(graph[np.argmax(np.linspace(graph[0], graph[-1], len(graph)) - graph)])
         assert abs(found.phi[0] - 0.3) < 0.01
     limited = RotationParameters(eps=0.0, eps_min=0.2, eps_max=0.3)
     assert rotations(*differences(values), limited).eps == 0.2
+
+
+def test_the_knee_lies_where_the_graph_turns_flat():
+    """Twenty samples 0.01 apart, five far from everything: the graph falls steeply and then runs at 0.01."""
+    unlimited = {'eps': 0.0, 'eps_min': 0.0001, 'eps_max': 3.0}
+    values = np.concatenate(([-2.0, -1.2, 1.0, 1.9, 2.7], 0.01 * np.arange(20)))
+    assert unweighted(*differences(values), **unlimited).eps == pytest.approx(0.01)
+    for least, few in ((0.2, [0.0, 0.2, 0.4, 0.6]), (0.1, [0.0, 0.1])):
+        assert unweighted(*differences(few), **unlimited).eps == pytest.approx(least)
 
 
 def test_min_points_leaves_lonely_samples_out():

@@ -8,20 +8,17 @@ from rooms import FULL, HALF, L_ROOM, look, outline
 from scipy.spatial.distance import mahalanobis
 
 from dbscan_reg_ros import SE2, Parameters, Prior
-from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.registration.degeneracy import search_degenerate_direction, weakest_direction
-from dbscan_reg_ros.core.registration.point_to_line import fit
-from dbscan_reg_ros.core.registration.scoring import (
-    distinct,
-    preselect,
-    promising,
-    reverse_violation,
-    same,
-    score,
-    squared_mahalanobis,
+from dbscan_reg_ros.core.accelerated.steps import (
+    fit,
+    rank_by_density,
+    reverse_conflicts,
+    scores,
+    search_degenerate_direction,
 )
-from dbscan_reg_ros.core.registration.search import Problem, Ranking
-from dbscan_reg_ros.core.registration.selection import plausibility
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.registration.hypotheses import Candidates
+from dbscan_reg_ros.core.registration.scoring import distinct, preselect, same
+from dbscan_reg_ros.core.registration.search import Problem
 
 ALIKE = Parameters().replace({'advanced.density.leverage_ridge': 1000.0, 'density.max_points': 1000})
 """Every point counts the same, and all of them."""
@@ -52,8 +49,7 @@ def test_the_score_is_the_share_on_surfaces_less_that_in_free_space():
     empty, current = features(START), features(END, np.concatenate((ROOM, BOX)))
     share = on_the_box(current, END)
     assert share > 0.05
-    found = fit(rows(MOTION), current.sampled_points, empty.likelihood_field, DENSITY.min_normal_cosine)
-    value, overlap, conflict = score(found, empty, current, 0.05, DENSITY)
+    value, overlap, conflict = scores(Problem(empty, current, ALIKE), rows(MOTION))
     assert overlap[0] == pytest.approx(1.0 - share, abs=0.01)
     assert conflict[0] == pytest.approx(share, abs=0.01)
     assert value[0] == pytest.approx(1.0 - share - DENSITY.violation_weight * share, abs=0.02)
@@ -63,9 +59,9 @@ def test_reference_points_in_the_free_space_of_the_current_scan_count_as_violati
     box, current = features(START, np.concatenate((ROOM, BOX))), features(END)
     share = on_the_box(box, START)
     assert share > 0.05
-    found = reverse_violation(rows(MOTION, MOTION @ SE2(0.0, 0.0, 0.1)), box, current, DENSITY)
+    found = reverse_conflicts(Problem(box, current, ALIKE), rows(MOTION, MOTION @ SE2(0.0, 0.0, 0.1)))
     assert found[0] == pytest.approx(share, abs=0.005)
-    assert reverse_violation(rows(MOTION), features(START), current, DENSITY)[0] == 0.0
+    assert reverse_conflicts(Problem(features(START), current, ALIKE), rows(MOTION))[0] == 0.0
 
 
 def test_preselection_keeps_the_best_first():
@@ -93,30 +89,36 @@ def test_preselection_prefers_unseen_space_to_free_space():
     np.testing.assert_array_equal(found, behind)
 
 
+UNREFINED = {'advanced.refinement.coarse_iterations': 0}
+
+
+def ranked(problem, candidates):
+    """The hypotheses after the coarse ranking, without a step."""
+    return rank_by_density(problem, Candidates(candidates, np.empty((0, 3))), np.inf)
+
+
 def test_promising_hypotheses_have_enough_of_the_best_support():
     reference, current = features(START), features(END)
     candidates = rows(*(MOTION @ off for off in (SE2(0.2, 0.1, 0.0), SE2(), SE2(1.0, 1.0, 1.6))))
     fits = fit(candidates, current.sampled_points, reference.likelihood_field, DENSITY.min_normal_cosine)
-    support = (np.exp(-0.5 * (fits.error / 0.2) ** 2) * fits.alike).sum(axis=1) / len(current.sampled_points)
-    assert support[1] > 0.9 > support[0] > 0.5 > 0.3 > support[2]
-    for share, expected in (0.95 * support[0] / support[1], [0, 1]), (1.05 * support[0] / support[1], [1]), (0.0,
-                                                                                                             [0, 1, 2]):
-        kept, known = promising(candidates, fits, 0.2, share)
-        np.testing.assert_array_equal(kept, candidates[expected])
-        for part, whole in zip(known, fits, strict=True):
-            np.testing.assert_array_equal(part, whole[expected])
+    scale = ALIKE.refinement.coarse_scale
+    support = (np.exp(-0.5 * (fits.error / scale) ** 2) * fits.alike).sum(axis=1)
+    assert 0.9 > support[0] / support[1] > support[2] / support[1] + 0.1
+    for share, count in (0.95 * support[0] / support[1], 2), (1.05 * support[0] / support[1], 1), (0.0, 3):
+        p = ALIKE.replace(UNREFINED | {'advanced.selection.min_support_ratio': float(share),
+                                       'advanced.selection.preselection_points': 1000})
+        assert len(np.unique(ranked(Problem(reference, current, p), candidates).candidates, axis=0)) == count
 
 
-def test_the_distance_from_the_prior_is_mahalanobis_in_the_predicted_frame():
-    """It expects to face along y: a step along y is one ahead, one along -x is one to the left."""
-    prior = Prior(SE2(1.0, 2.0, 0.5 * math.pi), np.diag([0.1, 0.2, 0.05]) ** 2)
-    off = np.array([(0.0, 0.1, 0.0), (-0.4, 0.0, 0.0), (0.0, 0.0, 0.15 + 2.0 * math.pi), (-0.4, -0.1, -0.05)])
-    assert squared_mahalanobis(prior.transform.as_array() + off, prior) == pytest.approx([1.0, 4.0, 9.0, 6.0])
+@pytest.mark.parametrize('step', [SE2(0.0, 0.1, 0.0), SE2(-0.4, 0.0, 0.0), SE2(0.3, -0.2, 0.1)])
+def test_a_prior_costs_the_squared_distance_from_it_in_its_frame(step):
+    reference, current, p = features(START), features(END), ALIKE.replace(UNREFINED)
     root = np.array([[0.1, 0.0, 0.0], [0.3, 0.2, 0.0], [-0.1, 0.05, 0.1]])
-    skewed = Prior(SE2(1.0, 2.0, 0.7), root @ root.T)
-    step = SE2(0.3, -0.2, 0.1)
-    distance = mahalanobis(step.as_array(), np.zeros(3), np.linalg.inv(skewed.covariance))
-    assert squared_mahalanobis(rows(skewed.transform @ step), skewed)[0] == pytest.approx(distance ** 2)
+    prior, candidates = Prior(MOTION, root @ root.T), rows(MOTION @ step)
+    distance = mahalanobis(step.as_array(), np.zeros(3), np.linalg.inv(prior.covariance))
+    found = ranked(Problem(reference, current, p, prior), candidates)
+    expected = scores(Problem(reference, current, p), candidates)[0]
+    assert found.score == pytest.approx(expected - p.prior.weight * min((distance / p.prior.gate) ** 2, 1.0))
 
 
 def test_the_spread_of_a_prior_is_that_of_its_widest_direction():
@@ -133,25 +135,6 @@ def test_hypotheses_are_one_when_both_distance_and_angle_are_small():
     assert same(candidates, candidates[0], 0.0501, 0.02).tolist() == [True, True, False, False, False]
     assert distinct(candidates, 5, 0.0501, 0.02) == [0, 2, 3]
     assert distinct(candidates, 2, 0.0501, 0.02) == [0, 2]
-
-
-def test_the_weakest_direction_is_found_with_an_open_rotation():
-    """Points at (0, 2) and (0, -2) that face along x constrain x and the rotation.
-
-    One alone, only a combination of both.
-    """
-    def information(*rows):
-        rows = np.array(rows)
-        return rows.T @ rows
-
-    one = (1.0, 0.0, 2.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)
-    angle, weak, strong = weakest_direction(information(*one))
-    assert (abs(math.cos(angle)), weak, strong) == pytest.approx((1.0, 0.0, 2.0))
-    angle, weak, strong = weakest_direction(information((1.0, 0.0, -2.0), *one, (0.0, 1.0, 0.0)))
-    assert (abs(math.cos(angle)), weak, strong) == pytest.approx((1.0, 2.0, 3.0))
-    slanted = np.array([math.cos(0.4), math.sin(0.4), 0.0])
-    angle, weak, strong = weakest_direction(np.diag([5.0, 5.0, 1.0]) - 4.0 * np.outer(slanted, slanted))
-    assert (math.sin(angle - 0.4), weak, strong) == pytest.approx((0.0, 1.0, 5.0))
 
 
 CORRIDOR = outline([(-20.0, -1.0), (3.0, -1.0), (3.0, 1.2), (-20.0, 1.2)])
@@ -177,13 +160,3 @@ def test_without_points_that_face_along_it_a_degenerate_direction_is_not_searche
     candidates = rows(SE2(0.3, 0.0, 0.0))
     found = search_degenerate_direction(candidates, np.array([-0.7]), Problem(scan, scan, ALIKE))
     np.testing.assert_array_equal(found, candidates)
-
-
-def test_plausibility_is_the_score_less_the_roots_of_the_conflicts_of_either_scan():
-    box, current = features(START, np.concatenate((ROOM, BOX))), features(END)
-    candidates, value, conflict = rows(MOTION, MOTION @ SE2(0.4, 0.0, 0.0)), np.array([0.8, 0.5]), np.array([0.0, 0.2])
-    ranking = Ranking(candidates, value, value, conflict, np.zeros((2, 4, 4)), np.zeros(2), None)
-    found = plausibility(Problem(box, current, ALIKE), ranking)
-    back = reverse_violation(candidates, box, current, DENSITY)
-    assert found == pytest.approx(value - np.sqrt(conflict) - np.sqrt(back))
-    assert back[0] > 0.05

@@ -6,21 +6,15 @@ import numpy as np
 import pytest
 from rooms import L_ROOM, look, outline
 
+from dbscan_reg_ros.core.accelerated.steps import find_rivals, fit, uncertainty
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.parameters.registration import DecisionParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
-from dbscan_reg_ros.core.registration.point_to_line import fit
+from dbscan_reg_ros.core.registration.hypotheses import Ranking
 from dbscan_reg_ros.core.registration.records import Prior, Registration, Status
-from dbscan_reg_ros.core.registration.search import Problem, Ranking
-from dbscan_reg_ros.core.registration.status import (
-    decide,
-    demoted_if_weak,
-    find_rivals,
-    rival_covariance,
-    slid,
-)
-from dbscan_reg_ros.core.registration.uncertainty import uncertainty
+from dbscan_reg_ros.core.registration.search import Problem
+from dbscan_reg_ros.core.registration.status import decide, demoted_if_weak, rival_covariance
 
 ROOM = outline(L_ROOM)
 
@@ -37,14 +31,6 @@ def test_rivals_widen_the_covariance_by_their_distance_in_the_sensor_frame():
     assert rival_covariance(candidates, np.zeros(3), rivals) == pytest.approx(np.diag([4.5, 0.0, 0.0]), abs=1e-9)
     assert not rival_covariance(candidates, np.zeros(3), np.zeros(3, dtype=bool)).any()
     assert np.abs(rival_covariance(candidates, np.array([9.0, -9.0, 9.0]), rivals)).max() < 1e-6
-
-
-def test_hypotheses_are_slid_along_a_direction_to_the_best():
-    best = np.array([1.0, 1.0, 0.2])
-    along, across = np.array([math.cos(0.4), math.sin(0.4), 0.0]), np.array([-math.sin(0.4), math.cos(0.4), 0.0])
-    away = best + 3.0 * along + across
-    level, = slid(away[None], best, 0.4)
-    assert level == pytest.approx(best + across)
 
 
 def ranking(candidates, odds, best):

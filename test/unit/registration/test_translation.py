@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from rooms import L_ROOM, look, outline
 
+from dbscan_reg_ros.core.accelerated.steps import estimate_rotations, estimate_translations, pair_weights
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.records import EndKind, Segments
 from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
 from dbscan_reg_ros.core.parameters.registration import RotationParameters, TranslationParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
-from dbscan_reg_ros.core.registration.rotation import Rotations, estimate_rotations, pair_weights
-from dbscan_reg_ros.core.registration.translation import cluster, estimate_translations, match_lines
+from dbscan_reg_ros.core.registration.hypotheses import Rotations
 
 MOTION = SE2(0.4, -0.3, 0.2)
 LINES_ONLY = TranslationParameters(end_weight=0.0)
@@ -124,27 +124,28 @@ def test_occluded_ends_have_little_weight():
 
 
 def test_lines_that_a_rotation_makes_parallel_weigh_by_how_well_it_does():
-    """Two lines here, three there, of weights 1 to 6; off by multiples of `parallel_sigma` = 0.1 rad."""
+    """Corners of five walls, off by multiples of `parallel_sigma` = 0.1 rad; each start and each end is a sample."""
     off = np.array([(0.0, 1.0, 1.5), (-1.0, 2.1, 0.0)])
     phi = np.array([3.1, -1.0])
     rotations = Rotations(phi, np.ones(2), wrap(3.1 + 0.1 * off), np.zeros((2, 3), dtype=int), 0.1)
     weights = np.arange(1.0, 7.0).reshape(2, 3)
-    rotation, here, there, weight = match_lines(rotations, weights,
-                                                TranslationParameters(parallel_sigma=0.1, max_pairs=100))
-    found = {(i, j): w for i, j, w in zip(here, there, weight)}
-    assert not rotation.any()
-    assert found == pytest.approx({(0, 0): 1.0, (0, 1): 2.0 * math.exp(-0.5), (0, 2): 3.0 * math.exp(-1.125),
-                                   (1, 0): 4.0 * math.exp(-0.5), (1, 2): 6.0})
-    _, here, there, _ = match_lines(rotations, weights, TranslationParameters(parallel_sigma=0.1, max_pairs=2))
-    assert sorted(zip(here, there)) == [(1, 0), (1, 2)]
+    here, there = (walls(*[((0.0, k), (1.0, k)) for k in range(count)], kind=EndKind.CORNER) for count in (2, 3))
+    for most, expected in ((100, [6.0, 4.0 * math.exp(-0.5), 2.0 * math.exp(-0.5), 1.0, 3.0 * math.exp(-1.125)]),
+                           (2, [6.0, 4.0 * math.exp(-0.5)])):
+        found = estimate_translations(here, there, rotations, weights, TranslationParameters(
+            parallel_sigma=0.1, max_pairs=most, end_weight=1.0, min_crossing_sine=1.0))
+        assert not found.rotation.any()
+        assert found.sample_weight == pytest.approx([*expected, *expected])
 
 
-@pytest.mark.parametrize('width, labels', [(0.0, [0, 0, 0, 0]), (0.001, [1, 1, 2, 2])])
-def test_wide_clusters_are_clustered_once_more_with_half_the_neighbourhood(width, labels):
-    """Gaps of 0.04 m and 0.09 m, against neighbourhoods of 0.1 m and 0.05 m."""
-    samples = 1j * np.array([0.0, 0.04, 0.13, 0.17])
-    parameters = TranslationParameters(min_samples=1, max_width=width)
-    assert cluster(samples, np.zeros(4, dtype=int), 0.1, parameters).tolist() == labels
+@pytest.mark.parametrize(('width', 'sizes'), [(0.0, [4]), (0.001, [2, 2])])
+def test_wide_clusters_are_clustered_once_more_with_half_the_neighbourhood(width, sizes):
+    """Gaps of 0.04 m and 0.09 m of the starts, against neighbourhoods of 0.1 m and 0.05 m."""
+    here = walls(*[((0.0, y), (3.0 + k, y)) for k, y in enumerate((0.0, 0.04, 0.13, 0.17))])
+    there = walls(((0.0, 0.0), (20.0, 0.0)))
+    found = translations(here, there, TranslationParameters(eps=0.1, max_width=width))
+    starts = found.labels[np.hypot(*found.samples.T) < 1.0]
+    assert sorted(np.unique(starts, return_counts=True)[1]) == sizes
 
 
 def test_every_rotation_has_samples_of_its_own():

@@ -5,16 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from dbscan_reg_ros.core.accelerated.steps import match_covariance
 from dbscan_reg_ros.core.parameters.registration import DecisionParameters
 from dbscan_reg_ros.core.registration.point_to_line import jacobian, normal_equations
-from dbscan_reg_ros.core.registration.uncertainty import (
-    calibrated_covariance,
-    degenerate_rotation,
-    degenerate_translation,
-    observability,
-)
+from dbscan_reg_ros.core.registration.uncertainty import Residuals, degenerate_rotation, degenerate_translation
 
-PARAMETERS = DecisionParameters(few_points_scale=0.0, covariance_scale=1.0)
+ALONE = {'covariance_scale': 1.0, 'parallel_tolerance': 0.0}
+PARAMETERS = DecisionParameters(few_points_scale=0.0, **ALONE)
 VARIANCE = 1e-4
 
 
@@ -25,8 +22,14 @@ def turned(matrix, angle):
 
 
 def judged(information, shared, points=100.0, parameters=PARAMETERS):
-    held = observability(information, shared, points, parameters)
-    return calibrated_covariance(information, shared, VARIANCE, held, parameters), held
+    """As of three points of that information, of which both scans share a part."""
+    values, vectors = np.linalg.eigh(information)
+    rows = vectors * np.sqrt(np.maximum(values, 0.0))
+    weight = points / 3.0
+    own = (np.linalg.pinv(rows, rcond=1e-9) @ shared).T
+    residuals = Residuals(np.zeros(3), np.full(3, weight), *(np.ascontiguousarray(part) / math.sqrt(weight)
+                                                             for part in (rows, own)), math.sqrt(VARIANCE))
+    return match_covariance(residuals, parameters, 0.0)
 
 
 def test_the_covariance_is_the_inverse_of_the_information():
@@ -94,6 +97,5 @@ def test_in_a_circular_room_the_degenerate_translation_and_rotation_are_coupled(
 def test_few_points_add_to_the_variance():
     information = np.diag([8.0, 800.0, 400.0])
     plain, _ = judged(information, information)
-    careful, _ = judged(information, information, parameters=DecisionParameters(few_points_scale=8.0,
-                                                                                covariance_scale=1.0))
+    careful, _ = judged(information, information, parameters=DecisionParameters(few_points_scale=8.0, **ALONE))
     assert careful - plain == pytest.approx(np.diag([VARIANCE / 8.0, 0.0, 0.0]), abs=1e-12)

@@ -1,36 +1,61 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clusters of translations: connected components, as DBSCAN finds them where every sample is a core sample."""
+"""Clusters of translations by DBSCAN (Ester et al., KDD 1996): components of the core samples, and their borders."""
+
+
+cdef enum:
+    # The label of a sample that belongs to no cluster.
+    NOISE = -1
+
+
+def dbscan_plane(const double complex[::1] samples, double eps, Py_ssize_t min_samples):
+    """Cluster points of the plane by DBSCAN.
+
+    Parameters
+    ----------
+    samples : (N,) complex array
+    eps, min_samples
+        As for `dbscan_circle`, as the labels that are returned.
+    """
+    cdef Py_ssize_t[::1] rotation = np.zeros(samples.shape[0], np.intp)
+    return cluster_translations(samples, rotation, eps, min_samples, 0.0)
 
 
 cdef cluster_translations(const double complex[::1] samples, const Py_ssize_t[::1] rotation, double eps,
-                          double max_width):
+                          Py_ssize_t min_samples, double max_width):
     """Return the cluster of each sample; those wider than `max_width` are clustered again with half the radius.
 
     Samples of each rotation are moved along x, so that those of different rotations are no neighbours.
     """
     cdef Py_ssize_t size = samples.shape[0], level, k, label, count, offset = 0
-    cdef double low = samples[0].real, high = samples[0].real, squared = max_width * max_width
+    cdef double low = INFINITY, high = -INFINITY, squared = max_width * max_width
     found = np.empty(size, np.intp)
     cdef Py_ssize_t[:, ::1] work = np.empty((3, size), np.intp)
     cdef Py_ssize_t[::1] labels = found, order = work[0], parent = work[1], rank = work[2]
-    cdef unsigned char[::1] chosen = np.ones(size, np.uint8)
+    cdef unsigned char[::1] chosen = np.ones(size, np.uint8), core = chosen
     cdef double[:, ::1] sums = np.empty((4, size))
     cdef double[::1] x = sums[3]
+    if min_samples > 1:
+        core = np.empty(size, np.uint8)
     with nogil:
-        for k in range(1, size):
+        for k in range(size):
             low, high = min(low, samples[k].real), max(high, samples[k].real)
         for k in range(size):
             x[k] = samples[k].real + (2.0 * eps + high - low) * rotation[k]
         sort_stably(x, order, parent)
         for level in range(2):
-            connect(samples, x, order, chosen, parent, eps * 0.5 ** level)
-            # Numbered by their first samples, which are the roots.
+            if min_samples > 1:
+                flag_core(samples, x, order, chosen, eps * 0.5 ** level, min_samples, rank, core)
+            connect(samples, x, order, core, parent, eps * 0.5 ** level)
+            if min_samples > 1:
+                add_borders(samples, x, order, core, eps * 0.5 ** level, parent, chosen, labels)
+            # Numbered by their first core samples, which are the roots.
             count = 0
             for k in range(size):
+                if core[k] and root_of(parent, k) == k:
+                    rank[k] = count
+                    count += 1
+            for k in range(size):
                 if chosen[k]:
-                    if root_of(parent, k) == k:
-                        rank[k] = count
-                        count += 1
                     labels[k] = offset + rank[root_of(parent, k)]
             if level or max_width <= 0.0:
                 break
@@ -51,7 +76,6 @@ cdef int connect(const double complex[::1] samples, const double[::1] x, const P
                  const unsigned char[::1] chosen, Py_ssize_t[::1] parent, double eps) except -1 nogil:
     """Connect the chosen samples at most `eps` [m] apart: along x in ascending order."""
     cdef Py_ssize_t size = samples.shape[0], i, j, one, two
-    cdef double dx, dy
     for i in range(size):
         parent[i] = i
     for i in range(size):
@@ -60,12 +84,59 @@ cdef int connect(const double complex[::1] samples, const double[::1] x, const P
         for j in range(i + 1, size):
             if x[order[j]] > x[order[i]] + eps:
                 break
-            if not chosen[order[j]]:
-                continue
-            dx, dy = x[order[i]] - x[order[j]], samples[order[i]].imag - samples[order[j]].imag
-            if dx * dx + dy * dy <= eps * eps:
+            if chosen[order[j]] and are_near(samples, x, order[i], order[j], eps):
                 one, two = root_of(parent, order[i]), root_of(parent, order[j])
                 parent[max(one, two)] = min(one, two)
+    return 0
+
+
+cdef inline bint are_near(const double complex[::1] samples, const double[::1] x, Py_ssize_t one, Py_ssize_t two,
+                          double eps) except -1 nogil:
+    """Whether two samples are at most `eps` [m] apart."""
+    cdef double dx = x[one] - x[two], dy = samples[one].imag - samples[two].imag
+    return dx * dx + dy * dy <= eps * eps
+
+
+cdef int flag_core(const double complex[::1] samples, const double[::1] x, const Py_ssize_t[::1] order,
+                   const unsigned char[::1] chosen, double eps, Py_ssize_t min_samples, Py_ssize_t[::1] neighbours,
+                   unsigned char[::1] core) except -1 nogil:
+    """Flag those of the chosen samples with at least `min_samples` neighbours, themselves included."""
+    cdef Py_ssize_t size = samples.shape[0], i, j
+    for i in range(size):
+        neighbours[i] = chosen[i]
+    for i in range(size):
+        if not chosen[order[i]]:
+            continue
+        for j in range(i + 1, size):
+            if x[order[j]] > x[order[i]] + eps:
+                break
+            if chosen[order[j]] and are_near(samples, x, order[i], order[j], eps):
+                neighbours[order[i]] += 1
+                neighbours[order[j]] += 1
+    for i in range(size):
+        core[i] = neighbours[i] >= min_samples
+    return 0
+
+
+cdef int add_borders(const double complex[::1] samples, const double[::1] x, const Py_ssize_t[::1] order,
+                     const unsigned char[::1] core, double eps, Py_ssize_t[::1] parent, unsigned char[::1] chosen,
+                     Py_ssize_t[::1] labels) except -1 nogil:
+    """Add border samples to the first component within `eps`; the other samples are noise, not chosen."""
+    cdef Py_ssize_t size = samples.shape[0], i, j, border, inner
+    for i in range(size):
+        for j in range(i + 1, size):
+            if x[order[j]] > x[order[i]] + eps:
+                break
+            border, inner = order[i], order[j]
+            if core[border]:
+                border, inner = inner, border
+            if chosen[border] and not core[border] and core[inner] and are_near(samples, x, border, inner, eps):
+                inner = root_of(parent, inner)
+                if parent[border] == border or inner < parent[border]:
+                    parent[border] = inner
+    for i in range(size):
+        if chosen[i] and not core[i] and parent[i] == i:
+            labels[i], chosen[i] = NOISE, False
     return 0
 
 
@@ -111,6 +182,8 @@ cdef rank_translations(const double complex[::1] samples, const double[::1] samp
     with nogil:
         for k in range(size):
             at = labels[k]
+            if at == NOISE:
+                continue
             used[at] = 1
             # Negative: the heaviest come first.
             total[0, at] -= sample_weight[k]
@@ -127,5 +200,5 @@ cdef rank_translations(const double complex[::1] samples, const double[::1] samp
                 motion[count, 2] = total[3, at]
                 count += 1
         for k in range(size):
-            label[k] = rank[labels[k]]
+            label[k] = NOISE if labels[k] == NOISE else rank[labels[k]]
     return transform[:count], weights[:count], ranked

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Search along the degenerate direction (corridors), as `core.registration.degeneracy`."""
+"""Search along the degenerate direction (corridors)."""
 
 
 def search_degenerate_direction(candidates, angles, problem):

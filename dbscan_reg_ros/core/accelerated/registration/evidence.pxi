@@ -1,8 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Evidence for and against motions, as `core.registration.confidence.evidence`."""
+"""Evidence for and against motions."""
 
 
-cdef double SAME_PLACE = evidence_steps._SAME_PLACE, PARALLEL = evidence_steps._PARALLEL
+# Largest distance [m] of ends that match, and of a segment from the line of another that matches.
+cdef double SAME_PLACE = 0.15
+# Least cosine of the angle between segments that match.
+cdef double PARALLEL = 0.99
+# Fraction of isolated points in a scan of uniformly random ranges.
+cdef double ALL_RANDOM = 0.45
+
+
+cdef double chance_conflicts(double reference, double current) noexcept nogil:
+    """Return the fraction of points, 0..1, that lie in free space of the other scan though the motion is right.
+
+    Random ranges are isolated. A place seems free where both beams that pass it are random, so that the fraction is the
+    square of the fraction of isolated points. Where most ranges are random, they do not distinguish motions: the nearer
+    the fraction is to `ALL_RANDOM`, the less is explained by it.
+    """
+    cdef double rate = min(reference, max(ALL_RANDOM - reference, 0.0)) + min(current, max(ALL_RANDOM - current, 0.0))
+    return rate * rate
 
 
 cdef inline int seen_at(const double[::1] near, const double[::1] far, double x, double y, double tolerance,
@@ -91,7 +107,7 @@ def collect_evidence(const double[:, :] candidates, fits, weak, reference, curre
     cdef Py_ssize_t size = error.shape[1], count = own.shape[0], h, k, on_outline, matched, unmatched
     cdef const double[::1] weights = given_or_ones(current.sampled_points.weights, size)
     cdef double tolerance = parameters.density.violation_tolerance, scale = parameters.refinement.score_scale
-    cdef double chance = evidence_steps.chance_conflicts(reference, current)
+    cdef double chance = chance_conflicts(reference.isolated, current.isolated)
     cdef double factor = -0.5 / (scale * scale), same_place = SAME_PLACE, crossing
     cdef double weight, conflict, of_current, of_reference, squares, total, c, s, x, y, apart
     cdef double complex[::1] moved = np.empty(ends_o.shape[0], complex)
@@ -137,8 +153,22 @@ def collect_evidence(const double[:, :] candidates, fits, weak, reference, curre
     return found
 
 
-cdef double INTERCEPT = model_steps.INTERCEPT
-cdef double[8] COEFFICIENTS = [model_steps.COEFFICIENTS[name] for name in model_steps.TERMS]
+cdef double INTERCEPT = confidence_model.INTERCEPT
+cdef double[8] COEFFICIENTS = [*confidence_model.COEFFICIENTS.values()]
+
+
+cdef inline double excess(double conflicts, double chance) noexcept nogil:
+    """Return how much the square root of a fraction of conflicts exceeds what chance explains."""
+    return sqrt(conflicts + chance) - sqrt(chance)
+
+
+def evidence_terms(evidence):
+    """Return the terms ``(8,)`` of the log-odds, in the order of `confidence.model.COEFFICIENTS`."""
+    cdef double current, reference, outline, matched, unmatched, crossing, residual, distance, weak, chance
+    current, reference, outline, matched, unmatched, crossing, residual, distance, weak, chance = evidence
+    weak = max(weak, 0.0)
+    return (excess(current, chance) + excess(reference, chance), log1p(outline), log1p(matched), log1p(unmatched),
+            log(SAME + max(crossing, 0.0)), residual, distance, weak / (2.0 + weak))
 
 
 def log_odds(evidence, prior=None, candidate=None):
@@ -146,27 +176,25 @@ def log_odds(evidence, prior=None, candidate=None):
 
     With a `prior` its gain for the `candidate` ``(3,)`` is added.
     """
-    cdef double current, reference, outline, matched, unmatched, crossing, residual, distance, weak, chance, odds
-    current, reference, outline, matched, unmatched, crossing, residual, distance, weak, chance = evidence
-    weak = max(weak, 0.0)
-    odds = COEFFICIENTS[0] * (sqrt(current + chance) - sqrt(chance) + (sqrt(reference + chance) - sqrt(chance)))
-    odds += COEFFICIENTS[1] * log1p(outline)
-    odds += COEFFICIENTS[2] * log1p(matched)
-    odds += COEFFICIENTS[3] * log1p(unmatched)
-    odds += COEFFICIENTS[4] * log(SAME + max(crossing, 0.0))
-    odds += COEFFICIENTS[5] * residual
-    odds += COEFFICIENTS[6] * distance
-    odds += COEFFICIENTS[7] * (weak / (2.0 + weak))
+    cdef double odds = 0.0, term
+    cdef Py_ssize_t k
+    for k, term in enumerate(evidence_terms(evidence)):
+        odds += COEFFICIENTS[k] * term
     odds = INTERCEPT + odds
     return odds if prior is None or candidate is None else odds + prior_gain(prior, candidate)
 
 
 cdef double prior_gain(prior, const double[:] candidate) except? -1.0:
-    """Return what a prior adds to the log-odds of a motion, as `core.registration.confidence.model.prior_gain`."""
+    """Return what a prior adds to the log-odds of a motion (Bayes' rule).
+
+    It is the logarithm of the density at the motion over that of the motions which the model was fitted to. The density
+    is a mixture: the normal distribution of the prior and, with a small weight because a prior may be wrong, the density
+    of any motion.
+    """
     expected = prior.transform
     cdef const double[:, ::1] covariance = np.ascontiguousarray(prior.covariance, dtype=float)
     cdef double t0 = expected.theta, c = cos(t0), s = sin(t0), x, y, density
-    cdef double wrong = model_steps._WRONG_PRIORS, anywhere = model_steps._ANY_MOTION
+    cdef double wrong = confidence_model.WRONG_PRIORS, anywhere = confidence_model.ANY_MOTION
     cdef double[3] off
     cdef Factors f = factors(covariance[0, 0], covariance[0, 1], covariance[0, 2], covariance[1, 1], covariance[1, 2],
                              covariance[2, 2])

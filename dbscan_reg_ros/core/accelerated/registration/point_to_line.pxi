@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Point-to-line correspondences and robust iterations, as `core.registration.point_to_line`."""
+"""Point-to-line correspondences and robust iterations (Eq. 16-18)."""
 
 
 cdef enum:
@@ -119,6 +119,29 @@ cdef inline void write_equations(Equations *s, double *table) noexcept nogil:
     table[12], table[13], table[14], table[15] = s.x, s.y, s.t, s.e
 
 
+def refine(candidates, alignment, scales):
+    """Refine candidates in robust point-to-line iterations, one iteration per entry of `scales` [m].
+
+    Parameters
+    ----------
+    candidates : (H, 3) array
+    alignment : Alignment
+    scales : sequence of float [m]
+        Scale of the robust kernel in each iteration.
+
+    Returns
+    -------
+    candidates : (H, 3) array
+    equations : (H, 4, 4) array
+        The normal equations of the last iteration.
+    """
+    points, field, min_cosine, damping = alignment
+    cdef double[:, ::1] rows = table_of(candidates)
+    refine_poses(views_of(points), lines_of(field), min_cosine, damping, np.array(scales, dtype=float), rows)
+    table = np.asarray(rows)
+    return table[:, :SCORE].copy(), table[:, EQUATIONS:].reshape(len(table), 4, 4)
+
+
 cdef int refine_poses(PointViews views, Lines field, double min_cosine, double damping, const double[::1] scales,
                       double[:, ::1] poses) except -1:
     """Refine a table of hypotheses in place, and write the normal equations of the last iteration to it."""
@@ -161,7 +184,7 @@ cdef inline double product_imag(double complex a, double complex b) noexcept nog
     return a.real * b.imag + a.imag * b.real
 
 
-cdef polish(candidate, found, points, refinement):
+def polish(candidate, found, points, refinement):
     """Refine one candidate ``(3,)`` with a kernel that narrows to the spread of the errors.
 
     The correspondences of `found`, the candidate's `Fit`, are kept, so the errors are linear in the step. A candidate

@@ -1,24 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Refinement and ranking of hypotheses, as `core.registration.selection`."""
+"""Refinement and ranking of hypotheses by the density of the reference (section 2.3)."""
 
-
-cdef class Comparison:
-    """What hypotheses are compared by: both scans, and parameters as numbers."""
-
-    cdef object problem
-    cdef Lines field
-    cdef PointViews own
-    cdef const double[::1] share, near
-    cdef double min_cosine, damping, score_scale, tolerance, against
-
-    def __cinit__(self, problem):
-        p, current = problem.parameters, problem.current
-        self.problem, self.field = problem, lines_of(problem.reference.likelihood_field)
-        self.own, self.share = views_of(current.sampled_points), current.leverage
-        self.near = problem.reference.free_space.near
-        self.min_cosine, self.damping = p.density.min_normal_cosine, p.refinement.damping
-        self.score_scale, self.tolerance = p.refinement.score_scale, p.density.violation_tolerance
-        self.against = p.density.violation_weight
+cdef enum:
+    # The best hypothesis is compared with at most this many rivals (hypotheses with different motions).
+    RIVALS = 7
 
 
 def rank_by_density(problem, candidates, double min_score):
@@ -89,7 +74,7 @@ cdef double[:, ::1] rank_coarsely(Comparison comparison, candidates, points):
     if problem.prior is not None:
         exempt, others = candidates
         if len(others) > p.selection.preselected:
-            others = scoring_steps.preselect(others, points, problem.reference.free_space, p.selection, p.density)
+            others = preselect(others, points, problem.reference.free_space, p.selection, p.density)
         return improved(comparison, table_of(np.concatenate((exempt, others))), comparison.own, scales, False)
     cdef PointViews some = views_of(sample(points, p.selection.preselection_points))
     cdef double[:, ::1] coarse = table_of(candidates.joined())
@@ -166,7 +151,7 @@ cdef double[:, ::1] top_candidates(Comparison comparison, const double[:, ::1] c
     cdef double[:, ::1] ranked = chosen_rows(coarse, work[0], count)
     chosen[:] = False
     choose_distinct(ranked, count, s.top_candidates, s.same_distance, s.same_angle, chosen)
-    choose_distinct(ranked, count, 1 + selection_steps._RIVALS, d.rival_distance, d.rival_angle, chosen)
+    choose_distinct(ranked, count, 1 + RIVALS, d.rival_distance, d.rival_angle, chosen)
     count = 0
     for h in range(ranked.shape[0]):
         if chosen[h]:
@@ -233,48 +218,6 @@ cdef double[:, ::1] improved(Comparison comparison, double[:, ::1] rows, PointVi
     if problem.prior is not None:
         rows = subtract_prior(problem.prior, problem.parameters.prior, rows)
     return best_first(rows)
-
-
-cdef int write_scores(Comparison comparison, PointViews views, double[:, ::1] rows) except -1 nogil:
-    """Write score, overlap and conflict of each hypothesis by the current scan's points, as `scoring.score`."""
-    cdef double factor = -0.5 / (comparison.score_scale * comparison.score_scale), weight, lost, e
-    cdef double value, overlap, conflict
-    cdef Py_ssize_t h, k
-    cdef Match found
-    cdef Pose pose
-    for h in range(rows.shape[0]):
-        read_pose(rows, h, &pose)
-        value = overlap = conflict = 0.0
-        for k in range(views.size):
-            match_point(views, comparison.field, k, &pose, comparison.min_cosine, &found)
-            # Gaussian kernel (Eq. 18), 0 where the normals disagree.
-            e = found.error * views.inverse_noise[k]
-            weight = exp(factor * e * e) if found.alike else 0.0
-            lost = violation(comparison.near, found.x + pose.x, found.y + pose.y,
-                             comparison.tolerance / views.inverse_noise[k])
-            value += (weight - comparison.against * lost * (1.0 - weight)) * comparison.share[k]
-            overlap += weight
-            conflict += lost * comparison.share[k]
-        rows[h, SCORE], rows[h, OVERLAP], rows[h, CONFLICT] = value, overlap / <double> max(views.size, 1), conflict
-    return 0
-
-
-cdef int add_reverse_conflicts(Comparison comparison, const double[:, ::1] poses, double[::1] fraction) except -1:
-    """Add the weighted fraction of the reference's points in free space of the current scan, of each hypothesis."""
-    reference = comparison.problem.reference
-    cdef PointViews views = views_of(reference.sampled_points)
-    cdef const double[::1] near = comparison.problem.current.free_space.near, share = reference.leverage
-    cdef Py_ssize_t h, k
-    cdef double x, y
-    cdef Pose pose
-    with nogil:
-        for h in range(poses.shape[0]):
-            read_pose(poses, h, &pose)
-            for k in range(views.size):
-                x, y = views.points[k].real - pose.x, views.points[k].imag - pose.y
-                fraction[h] += share[k] * violation(near, pose.c * x + pose.s * y, pose.c * y - pose.s * x,
-                                                    comparison.tolerance / views.inverse_noise[k])
-    return 0
 
 
 cdef double[:, ::1] subtract_prior(prior, parameters, double[:, ::1] rows):

@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Translation hypotheses (section 2.2.2, Eq. 10-15), as `core.registration.translation`."""
+"""Translation hypotheses (section 2.2.2, Eq. 10-15)."""
 
 
 def estimate_translations(reference, current, rotations, weights, parameters):
     """Cluster the translations that follow from pairs of matched lines and from matched end points, for every rotation.
-
-    Core samples by more than one neighbour are the reference's.
 
     Parameters
     ----------
@@ -16,8 +14,6 @@ def estimate_translations(reference, current, rotations, weights, parameters):
         Weight of each pair of segments.
     parameters : TranslationParameters
     """
-    if parameters.min_samples > 1:
-        return translation_steps.estimate_translations(reference, current, rotations, weights, parameters)
     cdef SegmentViews ours = views_of_segments(reference), theirs = views_of_segments(current)
     cdef TranslationClusters found = TranslationClusters(ours, theirs, rotations.difference, rotations.phi,
                                                          np.ascontiguousarray(weights), parameters)
@@ -37,8 +33,6 @@ def near_motions(problem, prior):
     prior : Prior
     """
     p = problem.parameters
-    if not are_compiled(p.rotation, p.translation):
-        return pipeline_steps.near_motions(problem, prior)
     cdef SegmentViews ours = views_of_segments(problem.reference.segments)
     cdef SegmentViews theirs = views_of_segments(problem.current.segments)
     weights = weights_of(ours, theirs, p.rotation)
@@ -61,11 +55,6 @@ def near_motions(problem, prior):
                 motion[count, k] = motion[h, k]
             count += 1
     return np.asarray(motion[:count])
-
-
-cdef bint are_compiled(rotation, translation) except -1:
-    """Whether the steps know the settings: every sample is a core sample."""
-    return rotation.min_samples <= 1 and translation.min_samples <= 1
 
 
 cdef class MatchedLines:
@@ -159,7 +148,8 @@ cdef class TranslationClusters:
         self.samples, self.sample_weight, self.rotation = translation[:count], weight[:count], group[:count]
         self.labels, self.motion, self.weight = self.rotation, np.empty((0, 3)), self.sample_weight
         if count:
-            self.labels = cluster_translations(self.samples, self.rotation, parameters.eps, parameters.max_width)
+            self.labels = cluster_translations(self.samples, self.rotation, parameters.eps, parameters.min_samples,
+                                               parameters.max_width)
             self.motion, self.weight, self.labels = rank_translations(self.samples, self.sample_weight, self.rotation,
                                                                       self.labels, phi)
 
@@ -183,7 +173,13 @@ cdef Py_ssize_t add_line_samples(MatchedLines lines, double min_crossing_sine, d
     return count
 
 
-cdef const double[:, ::1] END_WEIGHT = translation_steps._END_WEIGHT
+cdef double[3][3] END_WEIGHT = [[0.1, 0.1, 0.1], [0.1, 0.1, 0.1], [0.1, 0.1, 0.1]]
+END_WEIGHT[EndKind.CORNER][EndKind.CORNER] = 1.0
+END_WEIGHT[EndKind.FREE][EndKind.FREE] = 0.7
+END_WEIGHT[EndKind.CORNER][EndKind.FREE] = END_WEIGHT[EndKind.FREE][EndKind.CORNER] = 0.4
+# Scale of the robust weight [m] in each iteration for the shortest translation, and the damping of its least squares.
+cdef double[2] SHORTEST_SCALES = [1.0, 0.1]
+cdef double SHORTEST_DAMPING = 0.01
 
 
 cdef Py_ssize_t add_end_samples(SegmentViews reference, SegmentViews current, const double[::1] phi,
@@ -196,7 +192,7 @@ cdef Py_ssize_t add_end_samples(SegmentViews reference, SegmentViews current, co
     for side in range(2):
         for k in range(lines.size):
             i, j = lines.ours[k], lines.theirs[k]
-            share = end_weight * END_WEIGHT[reference.kinds[i, side], current.kinds[j, side]]
+            share = end_weight * END_WEIGHT[reference.kinds[i, side]][current.kinds[j, side]]
             if share == 0.0:
                 continue
             c, s = cos(phi[lines.rotation[k]]), sin(phi[lines.rotation[k]])
@@ -221,13 +217,13 @@ def shortest_translations(MatchedLines lines, const double[::1] phi):
     -------
     (K, 3) array
     """
-    cdef double scale, damping = translation_steps._SHORTEST_DAMPING, e, nx, ny
+    cdef double scale, damping = SHORTEST_DAMPING, e, nx, ny
     cdef Py_ssize_t h, k
     cdef double[3] step
     cdef Equations sums
     motions = np.zeros((phi.shape[0], 3))
     cdef double[:, ::1] found = motions
-    for scale in translation_steps._SHORTEST_SCALES:
+    for scale in SHORTEST_SCALES:
         for h in range(phi.shape[0]):
             sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
             for k in range(lines.size):

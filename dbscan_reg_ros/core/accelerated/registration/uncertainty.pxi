@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Covariance and observability of a registered motion, as `core.registration.uncertainty`."""
+"""Covariance and observability of a registered motion, estimated from its residuals."""
+
+# Number of neighbouring points whose normals are correlated.
+cdef double DEPENDENT = 5.0
+cdef double CORRIDOR_RATIO = uncertainty_records.CORRIDOR_RATIO
 
 
 def uncertainty(candidate, found, points, double noise, p):
@@ -75,7 +79,7 @@ cdef covariance_of(const double[::1] error, const double[::1] weight, const doub
     read_weakest(shared, &weakest)
     constrain_rotation(shared, information, few, turn)
     constrain_rotation(information, information, few, turn_noise)
-    chance = SIGMAS * sqrt(uncertainty_steps._DEPENDENT / max(count, 1.0))
+    chance = SIGMAS * sqrt(DEPENDENT / max(count, 1.0))
     excess = max(turn[0] - chance * max(turn_noise[0] - turn[0], 0.0), 0.0)
     if latest_degenerate:
         read_weakest(information, &seeming)
@@ -104,7 +108,7 @@ cdef calibrated_covariance(const double[:, ::1] information, const double[:, ::1
     Few points along a direction are less certain than their number says, as their errors are not independent. A
     direction that fewer than `decision.min_information` points constrain gets the variance of an unknown motion.
     """
-    cdef const double[::1] prior = uncertainty_steps.PRIOR_INFORMATION
+    cdef const double[::1] prior = uncertainty_records.PRIOR_INFORMATION
     cdef double few = parameters.min_information, extra = 1.0 / prior[0]
     cdef double[:, ::1] posterior = np.empty((3, 3)), result = np.empty((3, 3))
     cdef double[3] along
@@ -147,7 +151,7 @@ cdef int write_parallel(double angle, const double[:, ::1] information, double f
     cdef double straight = translational(information, angle), bend
     write_degenerate(angle, information, few, motion)
     bend = information[0, 2] * motion[0] + information[1, 2] * motion[1]
-    if straight + motion[2] * bend >= degeneracy_steps.CORRIDOR_RATIO * straight:
+    if straight + motion[2] * bend >= CORRIDOR_RATIO * straight:
         motion[2] = 0.0
     return 0
 
@@ -176,7 +180,7 @@ cdef int add_informations(const double[:, ::1] rows, const double[:, ::1] own, c
 cdef bint is_corridor_like(const double[:, ::1] information, double angle) except -1:
     """Whether few points face along the direction `angle` [rad], by their information."""
     return (translational(information, angle)
-            < degeneracy_steps.CORRIDOR_RATIO * (information[0, 0] + information[1, 1]))
+            < CORRIDOR_RATIO * (information[0, 0] + information[1, 1]))
 
 
 cdef turned(covariance, double theta):

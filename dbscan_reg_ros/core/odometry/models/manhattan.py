@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 
 from ...features.records import Segments
 from ...geometry.robust_kernel import kernel
-from ...geometry.se2 import DOF, RIGHT_ANGLE, SE2
+from ...geometry.se2 import DOF, RIGHT_ANGLE, SE2, wrap_period
 from ...geometry.ties import first_largest
 from ...geometry.tolerance import TINY
 from ...parameters.odometry import ManhattanParameters
-from ...registration.rotation import wrap_period
 
 
 class ManhattanHeading:

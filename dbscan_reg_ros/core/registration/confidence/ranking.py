@@ -2,15 +2,14 @@
 """Ranking of refined hypotheses by the evidence for each."""
 import numpy as np
 
+from ...accelerated.steps import collect_evidence, log_odds, uncertainty
 from ...geometry.array_types import FloatArray
 from ...geometry.ties import order_up_to_rounding
+from ..hypotheses import Ranking
 from ..point_to_line import Fit
 from ..records import Evidence
 from ..scoring import distinct
-from ..search import Problem, Ranking
-from ..uncertainty import uncertainty
-from .evidence import collect_evidence
-from .model import log_odds
+from ..search import Problem
 
 
 def rank_by_evidence(problem: Problem, fine: Ranking) -> Ranking:
@@ -26,8 +25,7 @@ def rank_by_evidence(problem: Problem, fine: Ranking) -> Ranking:
     if len(kept.candidates) == 1:
         return kept
     evidence, fits = evidence_of(problem, kept.candidates)
-    step = problem.current.backend.step
-    odds = np.array([step(log_odds)(each, problem.prior, candidate)
+    odds = np.array([log_odds(each, problem.prior, candidate)
                      for each, candidate in zip(evidence, kept.candidates, strict=True)])
     order = order_up_to_rounding(-odds if problem.prior is None else -kept.score)
     return kept._replace(odds=odds).select(order)._replace(best=fits[order[0]])
@@ -36,9 +34,9 @@ def rank_by_evidence(problem: Problem, fine: Ranking) -> Ranking:
 def evidence_of(problem: Problem, candidates: FloatArray) -> tuple[list[Evidence], list[Fit]]:
     """Return the evidence for each of the hypotheses ``(H, 3)``, and the `Fit` of each."""
     reference, current, p = problem.reference, problem.current, problem.parameters
-    points, backend, noise = current.sampled_points, current.backend, max(reference.noise, current.noise)
+    points, noise = current.sampled_points, max(reference.noise, current.noise)
     fits = problem.fit(candidates, points)
     each = [fits.select(slice(k, k + 1)) for k in range(len(candidates))]
-    weak = [backend.step(uncertainty)(candidate, found, points, noise, p)[1].weak
+    weak = [uncertainty(candidate, found, points, noise, p)[1].weak
             for candidate, found in zip(candidates, each, strict=True)]
-    return backend.step(collect_evidence)(candidates, fits, weak, reference, current, p), each
+    return collect_evidence(candidates, fits, weak, reference, current, p), each
