@@ -33,7 +33,7 @@ def racks():
     return World(np.concatenate((hall, *legs)), np.array([(-2.0, 0.0), (29.0, 0.0)]))
 
 
-@pytest.mark.xfail(strict=True, reason='what moves along and what stands still are not weighed against each other')
+@pytest.mark.xfail(strict=True, reason='movable and static are not weighed against each other')
 def test_the_odometry_starts_among_the_legs_of_racks():
     """Each of them may move, and they are all that faces along the aisle."""
     world = racks()

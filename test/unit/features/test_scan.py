@@ -33,7 +33,7 @@ def test_angles_and_ranges_are_those_of_a_laser_scan_message():
     assert geometry.range_max == float(np.float32(30.1))
     scan = Scan(0, [0.1, 30.1], geometry)
     assert scan.ranges.dtype == np.float32
-    np.testing.assert_array_equal(scan.valid, [True, True])
+    np.testing.assert_array_equal(scan.valid, [True, False])  # a range at the limit is no return
 
 
 @pytest.mark.parametrize('value', [math.inf, -math.inf, math.nan, 0.0, -1.0, 81.83, 0.05, 1e39])
