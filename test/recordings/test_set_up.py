@@ -307,7 +307,7 @@ esac
 def build_steps(programs, root, tmp_path):
     """``build_steps(variables)``: the status of the set-up, its report on the build, and how often it built."""
     copy, tries = tmp_path / 'copy', tmp_path / 'tries'
-    for folder in ('scripts', 'dbscan_reg_ros/core/accelerated'):
+    for folder in ('scripts', 'dbscan_reg_ros/core/features'):
         shutil.copytree(root / folder, copy / folder, ignore=shutil.ignore_patterns('*.so', '__pycache__'))
     shutil.copy(root / 'setup.py', copy)
     tries.touch()
@@ -330,7 +330,7 @@ def test_the_compiled_modules_are_built_once_and_when_their_sources_or_python_ch
     building = 'Building the compiled modules: once, some minutes ...\n'
     assert build_steps() == (0, building, 1) and build_steps() == (0, '', 1)
     assert build_steps(version='2') == (0, building, 2)
-    with open(build_steps.folder / 'dbscan_reg_ros/core/accelerated/steps.pyx', 'a') as source:
+    with open(build_steps.folder / 'dbscan_reg_ros/core/features/noise.pyx', 'a') as source:
         source.write('# changed\n')
     assert build_steps(version='2') == (0, building, 3) and build_steps(version='2') == (0, '', 3)
 
