@@ -13,6 +13,7 @@ from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.version import version
 
 PACKAGE = 'dbscan_reg_ros'
+TOOLS = Path(__file__).absolute().parents[2] / 'build' / 'tools'
 
 
 @pytest.fixture(scope='module')
@@ -42,9 +43,10 @@ def colcon_build():
 
 
 def succeed(words, folder, environment=None):
-    result = subprocess.run(words, cwd=folder, env=os.environ | (environment or {}), capture_output=True, text=True,
-                            timeout=300,
-                            check=False)
+    """What a command prints; a build finds the Cython that scripts/setup installs."""
+    variables = os.environ | (environment or {})
+    variables['PYTHONPATH'] = os.pathsep.join(filter(None, [variables.get('PYTHONPATH'), str(TOOLS)]))
+    result = subprocess.run(words, cwd=folder, env=variables, capture_output=True, text=True, timeout=300, check=False)
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout
 
