@@ -44,8 +44,8 @@ class Step:
         Direction in which the translation is not observable [rad], in the frame of the first scan.
     covariance : (3, 3) float or None
         Covariance of `pose`, in the frame of the first scan.
-    registration : None
-        Always None, because trackers do not report single registrations.
+    registration, contradicted : None
+        Always None, because trackers do not report single registrations, and nothing that contradicts them.
     restarted : bool
         Always False, because trackers do not restart.
     """
@@ -56,6 +56,9 @@ class Step:
     covariance: np.ndarray | None = None
     registration: None = None
     restarted: bool = False
+    contradicted: None = None
+    contradicted_by: float = 0.0
+    contradiction: str = ''
 
 
 class Ours:

@@ -97,7 +97,7 @@ def test_a_pair_of_a_recording_in_numbers_and_pictures(intel, pair, tmp_path, ca
     assert true == pytest.approx([*TRUTH[:2], math.degrees(TRUTH[2])], abs=2e-3)
     assert printed_error(text) == pytest.approx([math.dist((x, y), true[:2]), abs(degrees - true[2])], abs=2e-3)
     covariance = np.array([line.split() for line in text.split('covariance')[1].splitlines()[1:4]], dtype=float)
-    np.testing.assert_allclose(covariance, result.covariance, rtol=1e-4, atol=1e-12)
+    np.testing.assert_allclose(covariance, result.covariance_in_reference, rtol=1e-4, atol=1e-12)
     assert len(re.findall(r'^ +score', text, re.MULTILINE)) == len(result.hypotheses) > 1
     latest = tmp_path / f'intel_{REFERENCE}_{CURRENT}' / 'latest'
     assert text.endswith(f'figures     {latest.resolve()}\n')

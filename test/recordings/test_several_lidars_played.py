@@ -144,5 +144,5 @@ def test_the_truth_of_one_lidar_is_converted_to_the_other_or_taken_as_it_is_with
     np.testing.assert_allclose(second, compose(base, np.array([(-0.3, -0.2, np.radians(-135.0))])), atol=1e-9)
     rear.frame_id = 'elsewhere'
     np.testing.assert_array_equal(rear.truth()[1], first)
-    assert rear.notes[-1] == ("/truth has poses of 'laser', the lidar is in 'elsewhere', and /tf_static has no upright "
-                              'transform between them: taken as poses of the lidar')
+    assert rear.notes[-1] == ("/truth has poses of 'laser', the lidar is in 'elsewhere': taken as poses of the lidar, "
+                              'because /tf_static has no upright transform between them')

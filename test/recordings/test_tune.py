@@ -61,7 +61,7 @@ def trials_of(folder):
 @pytest.mark.parametrize(('text', 'axis'), [
     ('advanced.refinement.map_scale', Axis('advanced.refinement.map_scale', float, 0.2, 5.0)),
     ('advanced.selection.top_candidates=2:9', Axis('advanced.selection.top_candidates', int, 2, 9)),
-    ('advanced.time.deskew', Axis('advanced.time.deskew', bool, choices=(False, True))),
+    ('odometry.deskew', Axis('odometry.deskew', bool, choices=(False, True))),
 ])
 def test_an_axis_spans_a_fifth_to_five_times_the_default_or_what_is_given(text, axis):
     found = read_axis(text, Parameters())
@@ -76,7 +76,7 @@ def test_an_axis_spans_a_fifth_to_five_times_the_default_or_what_is_given(text, 
     ('advanced.refinement.map_scale=1', 'expected NAME=LOW:HIGH'),
                                             ('advanced.refinement.map_scale=2:1', 'lower bound below'),
     ('advanced.refinement.map_scale=0.1:99', 'advanced.refinement.map_scale = 99'),
-                                            ('advanced.time.deskew=0:1', 'has no range'),
+                                            ('odometry.deskew=0:1', 'has no range'),
     ('laser_pose', 'cannot be searched'), ('mounting', 'cannot be searched'),
                                             ('segments.min_points=2.2:2.8', 'lower bound below'),
 ])

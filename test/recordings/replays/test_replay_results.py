@@ -18,8 +18,6 @@ from dbscan_reg_ros.evaluation.metrics import duration, path_lengths
 from dbscan_reg_ros.recordings import open_recording, read_tum
 from dbscan_reg_ros.replays.loops import Loops
 from dbscan_reg_ros.replays.pairs_to_review import PairsToReview
-from dbscan_reg_ros.robot.parameter_files import write_parameters
-from dbscan_reg_ros.robot.parameters import NodeParameters
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
 pytest.importorskip('rosbags')
@@ -181,14 +179,6 @@ def test_v_shows_where_a_fault_of_the_reporting_comes_from(replay, rotating, cap
     assert replay(rotating[:5], '-v')[0] == 3
     said = capsys.readouterr().err
     assert said.startswith('Traceback') and said.count('Traceback') == 1 and 'in broken' in said
-
-
-def test_v_names_the_parameters_whose_steps_are_not_compiled(replay, rotating, tmp_path, capsys):
-    file = tmp_path / 'rare.yaml'
-    write_parameters(file, NodeParameters().replace({'advanced.rotation.median_scale': 0.02}), 'Means around medians.')
-    for scans, options, expected in ((rotating[:5], (), False), (None, ('-v',), True)):
-        replay(scans, '--params-file', str(file), *options)
-        assert ('reference   runs the steps of advanced.rotation.median_scale\n' in capsys.readouterr().out) is expected
 
 
 def test_an_odometry_that_breaks_off_leaves_what_it_found_until_then(replay, rotating, capsys, monkeypatch):
