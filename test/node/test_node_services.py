@@ -88,7 +88,7 @@ def test_a_pose_that_is_known_exactly_along_a_direction_is_set(node, player, pee
 
 @pytest.mark.parametrize('message, complaint', [
     (given(SE2(), frame='map'), "the pose is in 'map'; expected 'odom'"),
-    (given(SE2(math.nan)), 'is no pose'),
+    (given(SE2(math.nan)), 'the position is (nan, 0): expected finite numbers'),
     (given(SE2(), variance=-1.0), 'its covariance is invalid'),
     (given(SE2(), variance=math.nan), 'its covariance is invalid'),
 ])
