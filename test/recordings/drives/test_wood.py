@@ -52,7 +52,7 @@ def test_scans_of_a_wood_are_registered_without_a_prior(drive):
 
 
 @pytest.mark.xfail(strict=True, raises=AssertionError, reason=(
-    'after a gap the motion is unknown: until the map is found again the drive is a track of its own, and ends 0.19 m '
+    'after a gap the motion is unknown: until relocalisation the drive is a track of its own, and ends 0.19 m '
     'off, with a standard deviation of 0.7 and 1.5 m'))
 def test_after_four_seconds_without_a_scan_the_odometry_recovers_in_a_wood(drive):
     course = drive.take((drive.seconds % 15.0 < 11.0) & (drive.seconds < 60.0))

@@ -18,7 +18,7 @@ LINE = f'FLASER 40 {" ".join(["2.0"] * 40)} 0 0 0 0 0 0 {{}} host 0.1\n'
 def calls(root):
     """(place, name, call) of every call in the source."""
     for path in sorted([*(root / 'dbscan_reg_ros').rglob('*.py'), *(root / 'scripts').rglob('*.py'),
-                        *(root / 'launch').glob('*')]):
+                        *(root / 'launch').glob('*.py')]):
         tree = ast.parse(path.read_text())
         for node in ast.walk(tree):
             if isinstance(node, ast.Import | ast.ImportFrom):
