@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scans of walls that are known exactly."""
+"""Scans and segments of walls that are known exactly."""
+import dataclasses
 import math
 
 import numpy as np
 
-from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.features.records import EndKind, Segments
+from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 from dbscan_reg_ros.simulation.raycasting import cast
@@ -14,6 +16,9 @@ FULL = ScanGeometry(-math.pi, DEGREE, 360)
 HALF = ScanGeometry(-0.5 * math.pi, DEGREE, 180)
 L_ROOM = np.array([(-2.0, -1.5), (4.0, -1.5), (4.0, 1.0), (1.5, 1.0), (1.5, 3.0), (-2.0, 3.0)])
 """Corners of a room [m], all of which are seen from its origin."""
+FOUR_WALLS = ([(0.0, -2.0), (6.0, -2.0)], [(6.0, -2.0), (6.0, 1.0)], [(5.0, 2.0), (2.0, 3.5)],
+              [(-1.0, 2.5), (-3.0, 0.5)])
+"""First and last point [m] of walls of four directions."""
 
 
 def outline(corners):
@@ -39,3 +44,18 @@ def room_log(path, count):
     path.write_text(''.join(f'FLASER 180 {words} 0 0 0 0 0 0 {10 + 0.1 * k:.1f} host {0.1 * k:.1f}\n'
                             for k in range(count)))
     return path
+
+
+def segments_between(*ends, kind=EndKind.OCCLUSION, sigma=1e-3):
+    """Segments between the given pairs of points [m], with the standard deviation `sigma` [m, rad]."""
+    ends = np.asarray(ends, dtype=float).reshape(-1, 2, 2)
+    along, spread = ends[:, 1] - ends[:, 0], np.full(len(ends), sigma)
+    return Segments(ends[:, 0], ends[:, 1], np.arctan2(along[:, 1], along[:, 0]), np.hypot(*along.T), spread, spread,
+                    np.full((len(ends), 2), kind, dtype=int), np.zeros((len(ends), 2), dtype=int))
+
+
+def moved(segments, motion):
+    """The segments as seen after `motion`."""
+    back = motion.inverse()
+    return dataclasses.replace(segments, start=back.apply(segments.start), end=back.apply(segments.end),
+                               direction=wrap(segments.direction - motion.theta))

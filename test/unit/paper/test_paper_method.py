@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The method of the paper from the lines on: rotation (Eq. 9), translation (Eq. 10-15), and a whole registration."""
-import dataclasses
 import math
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rooms import HALF, look, outline
+from rooms import FOUR_WALLS, HALF, look, moved, outline, segments_between
 
-from dbscan_reg_ros.core.features.records import Segments
 from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
 from dbscan_reg_ros.core.paper import translation
 from dbscan_reg_ros.core.paper.pipeline import _scatter, register
@@ -19,13 +18,8 @@ from dbscan_reg_ros.core.registration.records import Status
 MOTION = SE2(0.4, -0.3, 0.2)
 
 
-def walls(*ends):
-    """Segments between the given pairs of points [m]."""
-    ends = np.asarray(ends, dtype=float).reshape(-1, 2, 2)
-    along, none = ends[:, 1] - ends[:, 0], np.zeros((len(ends), 2), dtype=int)
-    unknown = np.full(len(ends), np.nan)
-    return Segments(ends[:, 0], ends[:, 1], np.arctan2(along[:, 1], along[:, 0]), np.hypot(*along.T), unknown, unknown,
-                    none, none)
+walls = partial(segments_between, kind=0, sigma=np.nan)
+"""Segments without what the paper does not know: the kinds of their ends, and standard deviations."""
 
 
 def lines(directions):
@@ -33,16 +27,7 @@ def lines(directions):
     return walls(*[((0.0, 0.0), (math.cos(angle), math.sin(angle))) for angle in directions])
 
 
-def moved(segments, motion):
-    """The segments as seen after `motion`."""
-    back = motion.inverse()
-    return dataclasses.replace(segments, start=back.apply(segments.start), end=back.apply(segments.end),
-                               direction=wrap(segments.direction - motion.theta))
-
-
-ROOM = walls([(0.0, -2.0), (6.0, -2.0)], [(6.0, -2.0), (6.0, 1.0)], [(5.0, 2.0), (2.0, 3.5)],
-             [(-1.0, 2.5), (-3.0, 0.5)])
-"""Walls of four directions."""
+ROOM = walls(*FOUR_WALLS)
 
 
 @pytest.mark.parametrize('degrees', [-80, -40, 0, 17, 40, 80])

@@ -5,7 +5,8 @@ import math
 
 import numpy as np
 import pytest
-from rooms import L_ROOM, look, outline
+from rooms import FOUR_WALLS, L_ROOM, look, moved, outline
+from rooms import segments_between as walls
 
 from dbscan_reg_ros.core.accelerated.steps import estimate_rotations, estimate_translations, pair_weights
 from dbscan_reg_ros.core.features.extraction import extract_features
@@ -19,25 +20,7 @@ MOTION = SE2(0.4, -0.3, 0.2)
 LINES_ONLY = TranslationParameters(end_weight=0.0)
 
 
-def walls(*ends, kind=EndKind.OCCLUSION):
-    """Segments between the given pairs of points [m]."""
-    ends = np.asarray(ends, dtype=float).reshape(-1, 2, 2)
-    along = ends[:, 1] - ends[:, 0]
-    small = np.full(len(ends), 1e-3)
-    return Segments(ends[:, 0], ends[:, 1], np.arctan2(along[:, 1], along[:, 0]), np.hypot(*along.T), small, small,
-                    np.full((len(ends), 2), kind, dtype=int), np.zeros((len(ends), 2), dtype=int))
-
-
-def moved(segments, motion):
-    """The segments as seen after `motion`."""
-    back = motion.inverse()
-    return dataclasses.replace(segments, start=back.apply(segments.start), end=back.apply(segments.end),
-                               direction=wrap(segments.direction - motion.theta))
-
-
-ROOM = walls([(0.0, -2.0), (6.0, -2.0)], [(6.0, -2.0), (6.0, 1.0)], [(5.0, 2.0), (2.0, 3.5)],
-             [(-1.0, 2.5), (-3.0, 0.5)])
-"""Walls of four directions."""
+ROOM = walls(*FOUR_WALLS)
 
 
 def translations(reference, current, parameters, **rotation):
