@@ -122,12 +122,16 @@ class NodeCore:
     def _patience(self, lidar: Lidar, message: ScanMessage) -> float:
         """Return how long [s] after its arrival a scan may wait.
 
-        It waits while its mounting or external prior is not known yet, or a scan of another lidar is due before it.
+        It waits while its mounting or external prior is not known yet, or an older scan of another lidar has arrived or
+        is due.
         """
         frame, stamp, given = message.header.frame_id, in_nanoseconds(message.header.stamp), lidar.input
         if not (lidar.mountings.ready(frame, stamp) and self._priors.ready(self._followed_frame(frame), stamp)):
             return max(given.max_wait, given.reorder)
-        others = (other.inbox for other in self._lidars if other is not lidar and other.inbox)
+        others = [other.inbox for other in self._lidars if other is not lidar and other.inbox]
+        for inbox in others:
+            if lidar.inbox and inbox.source is not lidar.inbox.source:
+                inbox.source.take(lidar.inbox)
         return given.reorder if any(inbox.has_older(stamp) for inbox in others) else 0.0
 
     def _followed_frame(self, frame: str) -> str:

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import re
+import signal
 from collections import deque
 
 import numpy as np
@@ -267,6 +268,29 @@ def test_scans_are_used_in_the_order_of_their_stamps(start_command, peer, drive,
     last = max(scan.stamp for scan in more if scan.frame_id == 'front')
     assert [stamp for stamp in used if scans[8].stamp <= stamp <= last] == sorted(
         scan.stamp for scan in more if scan.stamp <= last)
+
+
+def test_an_older_scan_that_has_arrived_is_used_first_after_a_silence(start_command, peer, drive, tf_type):
+    """The rear lidar, silent for so long that its scan is not expected, sends it while the node is busy."""
+    scans, _ = drive
+    node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]', '-p',
+                         'odom_on:=all', '-p', 'input.reorder:=1.0', '-p', 'input.queue_size:=50')
+    said(node, 'ready: ', peer)
+    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(
+        transforms=[transform('base_link', name, at) for name, at in (('front', FRONT), ('rear', REAR))]))
+    lidars = loudspeakers(peer)
+    played(peer, scans[:60], 0, lidars)
+    *before, last = (scan for scan in scans[60:80] if scan.frame_id == 'front')
+    found = played(peer, [*before, last], 0, lidars)
+    older = next(scan for scan in scans[80:] if scan.frame_id == 'rear')
+    newer = next(scan for scan in scans[80:] if scan.frame_id == 'front' and scan.stamp > older.stamp)
+    peer.until(lambda: in_nanoseconds(found[-1].header.stamp) == last.stamp)
+    node.signal(signal.SIGSTOP)
+    for scan in newer, older:
+        lidars[scan.frame_id].tell(scan_to_message(scan))
+    node.signal(signal.SIGCONT)
+    peer.until(lambda: in_nanoseconds(found[-1].header.stamp) == newer.stamp)
+    assert in_nanoseconds(found[-2].header.stamp) == older.stamp
 
 
 def test_a_further_lidar_whose_stamps_start_again_resets_nothing(start_command, peer, drive, tf_type):
