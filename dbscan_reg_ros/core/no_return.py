@@ -116,7 +116,10 @@ def _shared(ranges: npt.NDArray[np.float32], range_max: float, angle_increment: 
     range, and the resolution, which for triangulating sensors grows with the square of the range.
     """
     with np.errstate(invalid='ignore'):
-        values = ranges[(ranges > 0.0) & (ranges <= range_max) & np.isfinite(ranges)]
+        values = np.sort(ranges[(ranges > 0.0) & (ranges <= range_max) & (ranges < np.inf)])
+    farthest = values[-int(_STRAY * len(values)) - _FEWEST:]
+    if not (farthest[_FEWEST - 1:] == farthest[:-_FEWEST + 1]).any():
+        return None
     distinct, counts = np.unique(values, return_counts=True)
     beyond = len(values) - np.cumsum(counts)
     shared = np.flatnonzero((counts >= _FEWEST) & (beyond <= _STRAY * counts))

@@ -175,7 +175,9 @@ class Odometry:
         if late and uses:
             raise ScanError(f'the scan at {scan.stamp} ns is {late:.3f} s older than the last one of another sensor; '
                             'expected scans in the order of their stamps')
-        return self._state.sensors.setdefault(sensor.name, SensorState())
+        if sensor.name not in self._state.sensors:
+            self._state.sensors[sensor.name] = SensorState()
+        return self._state.sensors[sensor.name]
 
     def _uses(self, scan: Scan, sensor: Sensor) -> bool:
         """Whether a scan may change the track; key frames of a sensor that may not are removed."""

@@ -112,7 +112,7 @@ class BeamTimingSearch:
     Attributes
     ----------
     found : BeamTiming or None
-        The hypothesis that is right; None while it is not known.
+        The hypothesis that is right, or the stated one if none is far more likely; None while it is not known.
     middle_offset : float [s]
         Time from the stamp to the middle of the latest of the `key_frames`.
     """
@@ -159,6 +159,9 @@ class BeamTimingSearch:
         except ScanError:  # too few returns are left under one of the hypotheses
             return ''
         self._scans.append(new)
+        if self._count >= _MOST:
+            self.found = self._hypotheses[0]
+            return ''
         best = int(self._log_likelihoods.argmax())
         lead = self._log_likelihoods[best] - np.delete(self._log_likelihoods, best).max(initial=-math.inf)
         if self._count < _FEWEST or lead < _CERTAIN or (best and not same):
@@ -262,6 +265,8 @@ _CERTAIN = 8.0
 leads by more than 3."""
 _FEWEST = 3
 """The right hypothesis has to lead after at least this many key frames."""
+_MOST = 40
+"""After this many key frames without a lead, the difference is too small to matter."""
 _SAME_INTERVAL = 0.3
 """Intervals between scans that differ by less than this fraction are the same."""
 _SCALES = 0.4, 0.3, 0.2, 0.1, 0.1, 0.05, 0.05
