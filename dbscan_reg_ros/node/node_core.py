@@ -122,8 +122,7 @@ class NodeCore:
     def _patience(self, lidar: Lidar, message: ScanMessage) -> float:
         """Return how long [s] after its arrival a scan may wait.
 
-        It waits while its mounting or external prior is not known yet, or an older scan of another lidar has arrived or
-        is due.
+        It waits while its mounting or prior is not known yet, or an older scan of another lidar has come or is due.
         """
         frame, stamp, given = message.header.frame_id, in_nanoseconds(message.header.stamp), lidar.input
         if not (lidar.mountings.ready(frame, stamp) and self._priors.ready(self._followed_frame(frame), stamp)):

@@ -271,7 +271,7 @@ def test_scans_are_used_in_the_order_of_their_stamps(start_command, peer, drive,
 
 
 def test_an_older_scan_that_has_arrived_is_used_first_after_a_silence(start_command, peer, drive, tf_type):
-    """The rear lidar, silent for so long that its scan is not expected, sends it while the node is busy."""
+    """The rear lidar, silent for more than three periods, sends a scan while the node is busy."""
     scans, _ = drive
     node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]', '-p',
                          'odom_on:=all', '-p', 'input.reorder:=1.0', '-p', 'input.queue_size:=50')

@@ -1,65 +1,58 @@
 # SPDX-License-Identifier: Apache-2.0
+# cython: language_level=3, binding=True, cdivision=True
 """Rigid motions of the plane and their composition (Eq. 8)."""
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from .array_types import ComplexArray, FloatArray
+from libc.math cimport cos, sin
+
+from .plane cimport wrap as wrapped_angle
 from .rounding import fixed
-
-Angle = TypeVar('Angle', float, FloatArray)
 
 RIGHT_ANGLE = 0.5 * math.pi
 DOF = 3
 """Degrees of freedom of a motion of the plane: x, y and theta."""
 
 
-def wrap(angle: Angle) -> Angle:
+def wrap(angle):
     """Wrap angle(s) [rad] to [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def wrap_period(angle: Angle, period: float) -> Angle:
+def wrap_period(angle, period):
     """Subtract whole periods from angle(s) [rad]; the result is at most half a period from 0."""
-    wrapped: Angle = angle - period * np.rint(angle * (1.0 / period))
-    return wrapped
+    return angle - period * np.rint(angle * (1.0 / period))
 
 
-def turn_matrix(theta: float) -> FloatArray:
+def turn_matrix(theta):
     """Return the ``(3, 3)`` matrix that rotates (x, y, theta) by `theta` [rad]."""
     c, s = math.cos(theta), math.sin(theta)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def turned(matrix: FloatArray, theta: float) -> FloatArray:
+def turned(matrix, theta):
     """Rotate the axes of a ``(3, 3)`` covariance or information over (x, y, theta) by `theta` [rad]."""
     rotation = turn_matrix(theta)
-    rotated: FloatArray = rotation @ matrix @ rotation.T
-    return rotated
+    return rotation @ matrix @ rotation.T
 
 
-def unit_complex(angles: FloatArray) -> ComplexArray:
+def unit_complex(angles):
     """Return the unit complex numbers ``exp(1j * angles)``: multiplication by one rotates by its angle [rad]."""
-    numbers: ComplexArray = np.exp(1j * angles)
-    return numbers
+    return np.exp(1j * angles)
 
 
-def as_complex(vectors: ArrayLike) -> ComplexArray:
+def as_complex(vectors):
     """Return vectors ``(P, 2)`` as complex numbers ``(P,)``."""
     return np.ascontiguousarray(vectors, dtype=float).view(complex)[:, 0]
 
 
-def as_vectors(numbers: ComplexArray) -> FloatArray:
+def as_vectors(numbers):
     """Return complex numbers ``(P,)`` as vectors ``(P, 2)``."""
     return np.ascontiguousarray(numbers).view(float).reshape(-1, 2)
 
 
-@dataclass(frozen=True, slots=True)
-class SE2:
+cdef class SE2:
     """A pose or a rigid motion ``p -> Rot(theta) p + (x, y)``.
 
     Attributes
@@ -70,56 +63,77 @@ class SE2:
         Rotation [rad], counter-clockwise.
     """
 
-    x: float = 0.0
-    y: float = 0.0
-    theta: float = 0.0
+    __match_args__ = 'x', 'y', 'theta'
 
-    def __matmul__(self, other: 'SE2') -> 'SE2':
+    def __init__(self, double x=0.0, double y=0.0, double theta=0.0):
+        self.x, self.y, self.theta = x, y, theta
+
+    def __matmul__(SE2 self, SE2 other):
         """Compose two motions: `other` is applied first, then this one."""
-        c, s = math.cos(self.theta), math.sin(self.theta)
-        return SE2(self.x + c * other.x - s * other.y,
-                   self.y + s * other.x + c * other.y,
-                   wrap(self.theta + other.theta))
+        cdef double c = cos(self.theta), s = sin(self.theta)
+        return motion(self.x + c * other.x - s * other.y, self.y + s * other.x + c * other.y,
+                      wrapped_angle(self.theta + other.theta))
 
-    def inverse(self) -> 'SE2':
+    cpdef SE2 inverse(self):
         """Return the motion that undoes this one."""
-        c, s = math.cos(self.theta), math.sin(self.theta)
-        return SE2(-c * self.x - s * self.y, s * self.x - c * self.y, wrap(-self.theta))
+        cdef double c = cos(self.theta), s = sin(self.theta)
+        return motion(-c * self.x - s * self.y, s * self.x - c * self.y, wrapped_angle(-self.theta))
 
-    def apply(self, points: ArrayLike) -> FloatArray:
+    def apply(self, points):
         """Transform points ``(..., 2)`` [m] by this motion."""
         points = np.asarray(points, dtype=float)
-        c, s = math.cos(self.theta), math.sin(self.theta)
+        c, s = cos(self.theta), sin(self.theta)
         x, y = points[..., 0], points[..., 1]
         return np.stack((c * x - s * y + self.x, s * x + c * y + self.y), axis=-1)
 
-    def rotation(self) -> FloatArray:
+    def rotation(self):
         """Return the ``(2, 2)`` rotation matrix."""
-        c, s = math.cos(self.theta), math.sin(self.theta)
+        c, s = cos(self.theta), sin(self.theta)
         return np.array([[c, -s], [s, c]])
 
-    def adjoint(self) -> FloatArray:
+    def adjoint(self):
         """Return the ``(3, 3)`` adjoint Ad, which maps perturbations in the body frame to the frame before this motion.
 
         ``(a @ b)`` has the body covariance ``Ad(b^-1) Ca Ad(b^-1)' + Cb``.
         """
-        c, s = math.cos(self.theta), math.sin(self.theta)
+        c, s = cos(self.theta), sin(self.theta)
         return np.array([[c, -s, self.y], [s, c, -self.x], [0.0, 0.0, 1.0]])
 
-    def brief(self) -> str:
+    def brief(self):
         """Format the motion, rounded to 0.1 mm and 0.001 deg."""
         return f'x {fixed(self.x, 4)} m, y {fixed(self.y, 4)} m, theta {fixed(math.degrees(self.theta), 3)} deg'
 
-    def as_tuple(self) -> tuple[float, float, float]:
+    def as_tuple(self):
         """Return x [m], y [m] and theta [rad]."""
         return self.x, self.y, self.theta
 
-    def as_array(self) -> FloatArray:
+    def as_array(self):
         """Return x [m], y [m] and theta [rad] as an array ``(3,)``."""
         return np.array([self.x, self.y, self.theta])
 
     @classmethod
-    def from_array(cls, values: Iterable[float]) -> 'SE2':
+    def from_array(cls, values):
         """Make a motion from x [m], y [m] and theta [rad]; the angle is wrapped."""
-        x, y, theta = map(float, values)
-        return cls(x, y, wrap(theta))
+        x, y, theta = values
+        return motion(x, y, wrapped_angle(theta))
+
+    def __repr__(self):
+        return f'SE2(x={self.x!r}, y={self.y!r}, theta={self.theta!r})'
+
+    def __eq__(self, other):
+        if not isinstance(other, SE2):
+            return NotImplemented
+        return self.as_tuple() == other.as_tuple()
+
+    def __hash__(self):
+        return hash(self.as_tuple())
+
+    def __reduce__(self):
+        return SE2, self.as_tuple()
+
+
+cdef inline SE2 motion(double x, double y, double theta):
+    """Return a motion."""
+    cdef SE2 made = SE2.__new__(SE2)
+    made.x, made.y, made.theta = x, y, theta
+    return made
