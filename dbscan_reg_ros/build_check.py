@@ -12,7 +12,7 @@ SOURCES = Path(__file__).absolute().parent / 'core'
 
 def source_hash(folder: Path = SOURCES) -> str:
     """Return the hash of the sources of the compiled modules in a `folder`; empty where they are not installed."""
-    paths = sorted(path for suffix in ('pyx', 'pxd', 'pxi') for path in folder.rglob(f'*.{suffix}'))
+    paths = sorted(path for suffix in ('pyx', 'pxd') for path in folder.rglob(f'*.{suffix}'))
     return hashlib.sha256(b''.join(path.read_bytes() for path in paths)).hexdigest()[:16] if paths else ''
 
 

@@ -4,8 +4,8 @@ import numpy as np
 from rooms import FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Parameters
-from dbscan_reg_ros.core.accelerated.steps import fit
 from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.registration.point_to_line import fit
 
 DENSITY = Parameters().density
 START, END = SE2(-0.6, 0.3, 0.3), SE2(-0.9, 0.1, -0.4)

@@ -5,17 +5,19 @@ from typing import Any
 
 import numpy as np
 
-from ..core.accelerated.steps import estimate_rotations, estimate_translations, k_distances, pair_weights, scores
 from ..core.features.extraction import extract_from_returns
 from ..core.features.returns import admitted_returns
 from ..core.features.ring_band import ring_band_filter
 from ..core.geometry.se2 import SE2, as_vectors, wrap
 from ..core.paper.pipeline import ScanLines, solve
 from ..core.parameters.tree import Parameters
+from ..core.registration.clustering.rotation import estimate_rotations, k_distances, pair_weights
+from ..core.registration.clustering.translation import estimate_translations
 from ..core.registration.hypotheses import Rotations, Translations
 from ..core.registration.landmarks import landmarks
 from ..core.registration.pipeline import register, with_common_noise
 from ..core.registration.records import Registration
+from ..core.registration.scoring import scores
 from ..core.registration.search import Problem
 from ..core.scan import Scan
 

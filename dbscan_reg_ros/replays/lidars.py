@@ -7,8 +7,8 @@ from itertools import chain
 from ..core.errors import RecordingError
 from ..core.geometry.mounting import Mounting, MountingError
 from ..core.geometry.se2 import SE2
-from ..core.odometry.sensor import Sensor
 from ..core.parameters.features import ScanParameters
+from ..core.sensor import Sensor
 from ..recordings import open_recording
 from ..recordings.bags.clouds import CloudParameters
 from ..recordings.recording import Recording

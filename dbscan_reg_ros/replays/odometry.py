@@ -3,7 +3,7 @@
 from ..core.geometry.se2 import SE2
 from ..core.odometry.calibration.comparisons import LidarComparisons
 from ..core.odometry.pipeline import Odometry
-from ..core.odometry.sensor import FIRST
+from ..core.sensor import FIRST
 from ..robot.external_prior import measured_prior, sensor_prior
 from ..robot.pose_history import PoseHistory
 from .lidars import lidars_of

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a replay finds about the lidars: where they see the robot itself, and when their beams are measured."""
-from ..core.odometry.sensor import FIRST
+from ..core.sensor import FIRST
 from ..recordings.checks.scan_warnings import Kind
 from ..robot.own_body import OwnBody, advice, described
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Status
-from dbscan_reg_ros.core.registration.uncertainty import CORRIDOR_RATIO
+from dbscan_reg_ros.core.registration.residuals import CORRIDOR_RATIO
 from dbscan_reg_ros.evaluation.methods import BenchmarkError
 from dbscan_reg_ros.evaluation.metrics import apart, errors
 from dbscan_reg_ros.evaluation.trackers import Ours

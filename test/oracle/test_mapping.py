@@ -8,24 +8,16 @@ import numpy as np
 import pytest
 from accelerated_inputs import oriented_points
 
-from dbscan_reg_ros.core.accelerated.steps import (
-    align,
-    beside,
-    confirm,
-    detached_points,
-    dynamic_points,
-    information_ratio,
-    look_up_pairs,
-    newest_in_cell,
-    points_by_frame,
-    propagate_errors,
-    weighted_by_agreement,
-)
 from dbscan_reg_ros.core.features.tables import build_likelihood_field
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.mapping.correspondences import Correspondences, PosePrior
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import FramePoses, FreeSpaceStack, LikelihoodFieldStack
+from dbscan_reg_ros.core.mapping.correspondences import Correspondences, PosePrior
+from dbscan_reg_ros.core.mapping.dynamic_points import beside, detached_points, dynamic_points, information_ratio
+from dbscan_reg_ros.core.mapping.key_frame_window import FramePoses, FreeSpaceStack, LikelihoodFieldStack
+from dbscan_reg_ros.core.mapping.local_map import newest_in_cell
+from dbscan_reg_ros.core.mapping.lookup import confirm, look_up_pairs, points_by_frame
+from dbscan_reg_ros.core.mapping.scan_to_map import align, weighted_by_agreement
 from dbscan_reg_ros.core.odometry.models.covariance import PoseMeasurement
+from dbscan_reg_ros.core.odometry.models.propagation import propagate_errors
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Prior
 

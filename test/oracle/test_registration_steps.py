@@ -10,25 +10,18 @@ from rooms import FULL, L_ROOM, look, outline
 from sklearn.cluster import DBSCAN
 
 from dbscan_reg_ros import SE2, Parameters, Prior, extract_features, register
-from dbscan_reg_ros.core.accelerated.steps import (
-    estimate_rotations,
-    estimate_translations,
-    evidence_terms,
-    find_rivals,
-    fit,
-    log_odds,
-    match_covariance,
-    near_motions,
-    pair_weights,
-    refine,
-)
 from dbscan_reg_ros.core.features.tables import build_likelihood_field
 from dbscan_reg_ros.core.geometry.se2 import wrap
+from dbscan_reg_ros.core.registration.clustering.rotation import estimate_rotations, pair_weights
+from dbscan_reg_ros.core.registration.clustering.translation import estimate_translations, near_motions
+from dbscan_reg_ros.core.registration.confidence.evidence import evidence_terms, log_odds
 from dbscan_reg_ros.core.registration.confidence.model import COEFFICIENTS, INTERCEPT
-from dbscan_reg_ros.core.registration.point_to_line import Alignment, normal_equations
+from dbscan_reg_ros.core.registration.point_to_line import fit, refine
 from dbscan_reg_ros.core.registration.records import Evidence
+from dbscan_reg_ros.core.registration.residuals import Alignment, Residuals, normal_equations
+from dbscan_reg_ros.core.registration.scoring import find_rivals
 from dbscan_reg_ros.core.registration.search import Problem
-from dbscan_reg_ros.core.registration.uncertainty import Residuals
+from dbscan_reg_ros.core.registration.uncertainty import match_covariance
 
 P = Parameters()
 SEEDS = range(4)

@@ -23,10 +23,10 @@ from benchmarks.sensors import measure
 from benchmarks.trials import Outcome, Trial, summarise
 
 from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
-from dbscan_reg_ros.core.odometry.sensor import Sensor
 from dbscan_reg_ros.core.registration.records import Prior, Status
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
+from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.evaluation.methods import FACTORIES, BenchmarkError, method
 from dbscan_reg_ros.evaluation.trackers import PRIORS, Step
 from dbscan_reg_ros.recordings import read_csv

@@ -5,13 +5,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..accelerated.steps import align_to_map, alignment_uncertainty
 from ..geometry.se2 import SE2
+from ..mapping.correspondences import Correspondences, PosePrior
+from ..mapping.key_frame_window import KeyFrameWindow
+from ..mapping.observability import InitialAlignment
+from ..mapping.scan_to_map import align_to_map, alignment_uncertainty
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Registration
-from .mapping.correspondences import Correspondences, PosePrior
-from .mapping.key_frame_window import KeyFrameWindow
-from .mapping.scan_to_map import InitialAlignment
 from .models.motion import MotionConstraints
 from .prediction import Predictions
 from .references import Match

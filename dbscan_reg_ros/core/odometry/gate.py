@@ -13,11 +13,11 @@ from ..parameters.tree import Parameters
 from ..registration.confidence.model import LIKELY
 from ..registration.records import Prior, Registration, Status
 from ..registration.status import demoted_if_weak, observability_ratio
+from ..sensor import FIRST, Sensor
 from .models.motion import unknown_motion_covariance
 from .models.stamps import ScanInterval
 from .models.wheel_calibration import WheelCalibration
 from .prediction import Predictions
-from .sensor import FIRST, Sensor
 from .state import Mode, Tracking
 from .verdict import Decision, Reason, Verdict
 

@@ -17,6 +17,7 @@ from ..parameters.features import ScanParameters
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Status
 from ..scan import Scan
+from ..sensor import FIRST, Sensor
 from . import update
 from .calibration.comparisons import LidarComparisons
 from .calibration.location import Location, locate
@@ -30,7 +31,6 @@ from .records import OdometryUpdate
 from .reference_search import ReferenceSearch
 from .references import Outcome, search_parameters
 from .report import report_waiting
-from .sensor import FIRST, Sensor
 from .state import Mode, SensorState, TrackState
 
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from ..geometry.se2 import SE2
 from ..parameters.tree import Parameters
 from ..registration.records import Prior
+from ..sensor import Sensor
 from .models.motion import unknown_motion_covariance
 from .models.stamps import ScanInterval
-from .sensor import Sensor
 from .state import Mode, TrackState
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from ..features.records import Features
 from ..geometry.se2 import DOF, SE2
 from ..registration.records import Registration, Status, sigma_text
-from .sensor import FIRST, Sensor
+from ..sensor import FIRST, Sensor
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,15 +6,15 @@ import numpy as np
 
 from ..features.records import Features
 from ..geometry.ties import first_largest
+from ..mapping.dynamic_points import without_dynamic_points
+from ..mapping.key_frame import KeyFrame
+from ..mapping.observability import information_along
 from ..parameters.tree import Parameters
 from ..registration.pipeline import register, register_within_gate
 from ..registration.records import Prior, Registration, Status
 from ..registration.search import SearchStage
 from ..registration.status import demoted_if_poor
 from .gate import Gate
-from .mapping.dynamic_points import without_dynamic_points
-from .mapping.key_frame import KeyFrame
-from .mapping.scan_to_map import information_along
 from .models.motion import displacement_covariance
 from .references import (
     Match,

@@ -11,9 +11,9 @@ import numpy as np
 from ..features.records import Features
 from ..geometry.se2 import SE2
 from ..geometry.ties import order_up_to_rounding
+from ..mapping.key_frame import KeyFrame
 from ..parameters.tree import Parameters
 from ..registration.records import Registration, Status
-from .mapping.key_frame import KeyFrame
 from .state import TrackState
 from .verdict import LIMITS, Decision, Reason, Verdict
 

@@ -9,12 +9,12 @@ from ..features.records import Features
 from ..geometry.se2 import SE2, turned
 from ..geometry.symmetric_matrix import IDENTITY, diagonal
 from ..geometry.tolerance import RESOLUTION, TINY
+from ..mapping.key_frame import KeyFrame
 from ..registration.records import Prior, Registration, Status
-from .mapping.key_frame import KeyFrame
+from ..sensor import FIRST, Sensor
 from .models.covariance import coordinate_covariance
 from .models.stamps import ScanInterval
 from .records import OdometryUpdate
-from .sensor import FIRST, Sensor
 from .state import TrackState
 
 

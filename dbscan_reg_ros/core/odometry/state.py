@@ -7,10 +7,10 @@ from enum import Enum
 from types import MappingProxyType
 
 from ..geometry.se2 import SE2
+from ..mapping.key_frame import KeyFrame
+from ..mapping.key_frame_window import KeyFrameWindow
 from ..no_return import NoReturn
 from ..parameters.odometry import OdometryParameters
-from .mapping.key_frame import KeyFrame
-from .mapping.key_frame_window import KeyFrameWindow
 from .models.beam_timing import BeamTimingSearch
 from .models.covariance import CovariancePropagation
 from .models.manhattan import ManhattanHeading

@@ -19,15 +19,16 @@ from numpy.typing import NDArray
 from ..features.records import Features
 from ..geometry.se2 import SE2
 from ..geometry.symmetric_matrix import IDENTITY, inverse
+from ..mapping.correspondences import PosePrior
+from ..mapping.key_frame import KeyFrame
+from ..mapping.key_frame_window import KeyFrameWindow, latest_frames
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Status
 from ..registration.status import observability_ratio
+from ..sensor import FIRST, Sensor
 from .alignment import Aligned, align_scan
 from .gate import Gate
 from .key_frame_decision import completes_map, is_due
-from .mapping.correspondences import PosePrior
-from .mapping.key_frame import KeyFrame
-from .mapping.key_frame_window import KeyFrameWindow, latest_frames
 from .models.covariance import NO_MEASUREMENT, PoseMeasurement
 from .models.manhattan import ManhattanHeading
 from .models.motion import ConstantVelocityModel, integrate
@@ -37,7 +38,6 @@ from .prediction import Predictions, coasting_prior
 from .records import OdometryUpdate
 from .references import Match, Outcome
 from .report import ReportedStep, report
-from .sensor import FIRST, Sensor
 from .state import LostMap, Mode, Tracking, TrackState
 from .verdict import Reason
 

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.array_types import BoolArray, FloatArray, IntArray
-from .point_to_line import Fit
 from .records import Evidence
-from .uncertainty import Observability
+from .residuals import Fit, Observability
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,8 @@ from ..geometry.se2 import as_vectors
 from ..geometry.ties import order_up_to_rounding
 from ..geometry.tolerance import SAME
 from ..parameters.tree import Parameters
-from .point_to_line import transform_points
 from .records import Prior
+from .residuals import transform_points
 from .scoring import distinct, within_gate
 
 

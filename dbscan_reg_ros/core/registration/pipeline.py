@@ -4,12 +4,12 @@ import dataclasses
 
 import numpy as np
 
-from ..accelerated.steps import near_motions
 from ..errors import ScanError
 from ..features.extraction import extract_features
 from ..features.records import Features
 from ..parameters.tree import Parameters
 from ..scan import Scan
+from .clustering.translation import near_motions
 from .hypotheses import Candidates
 from .landmarks import landmark_motions
 from .records import Prior, Registration, Status

@@ -5,14 +5,16 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 
-from ..accelerated.steps import estimate_rotations, estimate_translations, fit, pair_weights
 from ..features.oriented_points import OrientedPoints
 from ..features.records import Features
 from ..geometry.array_types import FloatArray
 from ..parameters.tree import Parameters
+from .clustering.rotation import estimate_rotations, pair_weights
+from .clustering.translation import estimate_translations
 from .hypotheses import Rotations, Translations
-from .point_to_line import Fit
+from .point_to_line import fit
 from .records import Prior
+from .residuals import Fit
 
 
 class SearchStage(Enum):

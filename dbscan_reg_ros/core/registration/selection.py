@@ -4,9 +4,10 @@ import dataclasses
 
 import numpy as np
 
-from ..accelerated.steps import polish_best, rank_by_density
 from .confidence.ranking import rank_by_evidence
 from .hypotheses import Candidates, Ranking
+from .point_to_line import polish_best
+from .ranking import rank_by_density
 from .records import Registration
 from .search import Problem
 from .status import decide, failed

@@ -7,17 +7,17 @@ from functools import partial
 
 import numpy as np
 
-from ..accelerated.steps import assess, log_odds
 from ..features.records import Segments
 from ..geometry.array_types import BoolArray, FloatArray, IntArray
 from ..geometry.se2 import DOF, SE2, as_complex, turn_matrix, unit_complex, wrap, wrap_period
 from ..geometry.tolerance import SAME
 from ..parameters.registration import DecisionParameters
+from .confidence.evidence import assess, log_odds
 from .confidence.model import LIKELY, confidence, probability
 from .hypotheses import Ranking
 from .records import UNKNOWN_HEADING, Evidence, Hypothesis, Prior, Registration, Status
+from .residuals import PRIOR_INFORMATION, Observability
 from .search import Problem
-from .uncertainty import PRIOR_INFORMATION, Observability
 
 
 def decide(problem: Problem, fine: Ranking) -> Registration:

@@ -8,9 +8,9 @@ from rclpy.node import Node
 
 from ...core.geometry.mounting import Mounting
 from ...core.geometry.se2 import SE2
-from ...core.odometry.sensor import FIRST, Sensor
 from ...core.parameters.features import ScanParameters
 from ...core.scan import Scan
+from ...core.sensor import FIRST, Sensor
 from ...recordings.checks.scan_warnings import Kind, ScanWarning
 from ...robot.parameter_groups import LASER_SCAN, InputParameters
 from ...robot.parameters import NodeParameters

@@ -8,11 +8,11 @@ from ...core.geometry.se2 import SE2
 from ...core.odometry import pipeline
 from ...core.odometry.calibration.comparisons import LidarComparisons
 from ...core.odometry.records import OdometryUpdate
-from ...core.odometry.sensor import FIRST, Sensor
 from ...core.parameters.tree import Parameters
 from ...core.registration import pipeline as registration
 from ...core.registration.records import Prior, Registration
 from ...core.scan import Scan
+from ...core.sensor import FIRST, Sensor
 from .ranges import RangeChecks
 from .scan_checks import ScanChecks, ScanFields
 from .scan_warnings import Kind

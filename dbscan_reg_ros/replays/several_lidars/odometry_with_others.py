@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from ...core.errors import ScanError
 from ...core.odometry.calibration.majority import UNFIT, described, disagreeing
-from ...core.odometry.sensor import Sensor
 from ...core.registration.records import Status
+from ...core.sensor import Sensor
 from .scan_order import in_stamp_order
 
 

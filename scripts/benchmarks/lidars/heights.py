@@ -14,7 +14,7 @@ import numpy as np
 
 from dbscan_reg_ros.core.geometry.se2 import as_vectors
 from dbscan_reg_ros.core.odometry.calibration.comparisons import LidarComparisons
-from dbscan_reg_ros.core.odometry.sensor import Sensor
+from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.evaluation.metrics import evaluate
 from dbscan_reg_ros.simulation import PRESETS, Lidar, Path, Person, corridor, follow, hall, rooms, simulate
 from dbscan_reg_ros.simulation.worlds import box, clearance

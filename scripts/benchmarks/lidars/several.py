@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.sensor import Sensor
+from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.evaluation.metrics import evaluate
 from dbscan_reg_ros.simulation import Lidar, corridor, follow, hall, rooms, simulate, with_people
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
-from dbscan_reg_ros.core.odometry.sensor import FIRST
+from dbscan_reg_ros.core.sensor import FIRST
 from dbscan_reg_ros.simulation import follow
 
 from ..bounds import at_most

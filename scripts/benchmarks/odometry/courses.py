@@ -8,9 +8,9 @@ import math
 import numpy as np
 
 from dbscan_reg_ros.core.geometry.se2 import SE2, as_vectors
-from dbscan_reg_ros.core.odometry.sensor import Sensor
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
+from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.recordings import interpolate, open_recording
 from dbscan_reg_ros.recordings.poses import compose
 from dbscan_reg_ros.simulation import LIDARS, Lidar, Path, Person, World, corridor, follow, hall, rooms, simulate

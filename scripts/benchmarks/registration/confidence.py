@@ -6,11 +6,11 @@ import os
 
 import numpy as np
 
-from dbscan_reg_ros.core.accelerated.steps import evidence_terms
 from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.parameters.tree import Parameters
+from dbscan_reg_ros.core.registration.confidence.evidence import evidence_terms
 from dbscan_reg_ros.core.registration.confidence.model import COEFFICIENTS, confidence
 from dbscan_reg_ros.core.registration.confidence.ranking import evidence_of
 from dbscan_reg_ros.core.registration.pipeline import register

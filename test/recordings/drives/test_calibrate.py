@@ -18,8 +18,8 @@ from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.calibration.compared_lidar import ComparedLidar
 from dbscan_reg_ros.core.odometry.calibration.comparisons import LidarComparisons
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
-from dbscan_reg_ros.core.odometry.sensor import Sensor
 from dbscan_reg_ros.core.scan import SECOND
+from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.simulation import Lidar, Path, World, corridor, follow, hall, simulate
 
 pytestmark = needs_rosbags

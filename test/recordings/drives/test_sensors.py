@@ -11,8 +11,8 @@ import pytest
 from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
-from dbscan_reg_ros.core.odometry.sensor import Sensor
 from dbscan_reg_ros.core.registration.records import Prior, Status
+from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.simulation import Lidar, Path, follow, rooms, simulate
 
 FRONT, REAR = SE2(0.35, 0.25, math.radians(45.0)), SE2(-0.35, -0.25, math.radians(-135.0))

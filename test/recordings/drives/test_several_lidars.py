@@ -14,9 +14,9 @@ from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
-from dbscan_reg_ros.core.odometry.sensor import Sensor
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.core.scan import Scan
+from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.recordings import open_recording, read_tum
 from dbscan_reg_ros.recordings.bags.static_transforms import static_mounting
 from dbscan_reg_ros.recordings.poses import relative

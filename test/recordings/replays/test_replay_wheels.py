@@ -11,7 +11,7 @@ from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
-from dbscan_reg_ros.core.odometry.sensor import FIRST, Sensor
+from dbscan_reg_ros.core.sensor import FIRST, Sensor
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.replays.odometry import OdometryWithWheels
 from dbscan_reg_ros.robot.parameter_groups import NodePriorParameters

@@ -8,7 +8,6 @@ import pytest
 from rooms import DEGREE, FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, ScanGeometry
-from dbscan_reg_ros.core.accelerated.steps import fit, refine
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.noise import estimate_noise, estimate_noise_ratio, range_noise
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
@@ -17,7 +16,8 @@ from dbscan_reg_ros.core.odometry.models.noise_history import NoiseRatioHistory
 from dbscan_reg_ros.core.parameters.features import ScanParameters
 from dbscan_reg_ros.core.parameters.registration import DensityParameters
 from dbscan_reg_ros.core.registration.pipeline import register
-from dbscan_reg_ros.core.registration.point_to_line import Alignment
+from dbscan_reg_ros.core.registration.point_to_line import fit, refine
+from dbscan_reg_ros.core.registration.residuals import Alignment
 
 LIMITS = ScanParameters()
 

@@ -7,10 +7,10 @@ import pytest
 from rooms import FULL, L_ROOM, outline
 
 from dbscan_reg_ros import SE2, Parameters
-from dbscan_reg_ros.core.accelerated.steps import refine
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.poles import with_poles
-from dbscan_reg_ros.core.registration.point_to_line import Alignment
+from dbscan_reg_ros.core.registration.point_to_line import refine
+from dbscan_reg_ros.core.registration.residuals import Alignment
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 from dbscan_reg_ros.simulation.raycasting import cast

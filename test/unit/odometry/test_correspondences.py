@@ -9,15 +9,15 @@ from l_room import DENSITY, END, START, features, fitted
 from rooms import look
 
 from dbscan_reg_ros import SE2, Parameters
-from dbscan_reg_ros.core.accelerated.steps import align, look_up_correspondences, weighted_by_agreement
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.features.points import high_leverage
-from dbscan_reg_ros.core.odometry.mapping.correspondences import PosePrior
-from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
-from dbscan_reg_ros.core.odometry.sensor import Sensor
-from dbscan_reg_ros.core.registration.point_to_line import NO_STEP, normal_equations
+from dbscan_reg_ros.core.mapping.correspondences import PosePrior
+from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
+from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
+from dbscan_reg_ros.core.mapping.scan_to_map import align, look_up_correspondences, weighted_by_agreement
+from dbscan_reg_ros.core.registration.residuals import NO_STEP, normal_equations
+from dbscan_reg_ros.core.sensor import Sensor
 
 PARAMETERS = Parameters()
 

@@ -9,22 +9,22 @@ from rooms import FULL, HALF, L_ROOM, look, outline
 from scipy.linalg import eigh
 
 from dbscan_reg_ros import SE2, Odometry, Parameters
-from dbscan_reg_ros.core.accelerated.steps import (
-    beside,
-    confirm,
-    detached_points,
-    dynamic_points,
-    information_ratio,
-    refine,
-)
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.geometry.se2 import as_vectors
-from dbscan_reg_ros.core.odometry.mapping.dynamic_points import without_dynamic_points
-from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
-from dbscan_reg_ros.core.odometry.sensor import Sensor
-from dbscan_reg_ros.core.registration.point_to_line import Alignment
+from dbscan_reg_ros.core.mapping.dynamic_points import (
+    beside,
+    detached_points,
+    dynamic_points,
+    information_ratio,
+    without_dynamic_points,
+)
+from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
+from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
+from dbscan_reg_ros.core.mapping.lookup import confirm
+from dbscan_reg_ros.core.registration.point_to_line import refine
+from dbscan_reg_ros.core.registration.residuals import Alignment
+from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.simulation.raycasting import cast
 
 HERE, THERE = SE2(-0.6, 0.3, 0.3), SE2(-0.8, 0.2, 0.1)

@@ -16,8 +16,8 @@ from dbscan_reg_ros.core.odometry.calibration.majority import described, error_o
 from dbscan_reg_ros.core.odometry.calibration.relative_pose import RelativePose
 from dbscan_reg_ros.core.odometry.calibration.wheels import Wrong
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
-from dbscan_reg_ros.core.odometry.sensor import Sensor
 from dbscan_reg_ros.core.registration.records import Prior
+from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.simulation import rooms, simulate
 
 TRUE = SE2(-0.7, -0.5, 0.0)

@@ -8,9 +8,9 @@ from rooms import FULL, look, outline
 
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
-from dbscan_reg_ros.core.odometry.sensor import Sensor
+from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
+from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
+from dbscan_reg_ros.core.sensor import Sensor
 
 ROOM = outline([(-4.0, -3.0), (4.0, -3.0), (4.0, 3.0), (-4.0, 3.0)])
 BOX = outline([(1.0, -0.5), (1.0, 0.5), (1.4, 0.5), (1.4, -0.5)])

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from rooms import HALF, look, outline
 
-from dbscan_reg_ros.core.accelerated.steps import align_to_map
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.mapping.correspondences import PosePrior
-from dbscan_reg_ros.core.odometry.mapping.key_frame import KeyFrame
-from dbscan_reg_ros.core.odometry.mapping.key_frame_window import KeyFrameWindow
-from dbscan_reg_ros.core.odometry.mapping.scan_to_map import InitialAlignment
+from dbscan_reg_ros.core.mapping.correspondences import PosePrior
+from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
+from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
+from dbscan_reg_ros.core.mapping.observability import InitialAlignment
+from dbscan_reg_ros.core.mapping.scan_to_map import align_to_map
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.pipeline import register

@@ -93,7 +93,7 @@ def sources(root):
     """What the licence stands in: Python, Cython, shell and CMake."""
     for folder in ('.ci', 'dbscan_reg_ros', 'launch', 'scripts', 'test'):
         for path in (root / folder).rglob('*'):
-            if path.is_file() and '__pycache__' not in path.parts and (path.suffix in ('', '.py', '.pyx', '.pxi',
+            if path.is_file() and '__pycache__' not in path.parts and (path.suffix in ('', '.py', '.pyx', '.pxd',
                                                                                        '.pyi')
                                                                        or path.name == 'CMakeLists.txt'):
                 yield path

@@ -10,8 +10,8 @@ from benchmarks.registration import overlap
 from rooms import FULL, HALF, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Parameters, Prior, Scan, Status, register
-from dbscan_reg_ros.core.accelerated.steps import log_odds
 from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.registration.confidence.evidence import log_odds
 from dbscan_reg_ros.core.registration.confidence.model import confidence, probability
 from dbscan_reg_ros.core.registration.confidence.ranking import evidence_of
 from dbscan_reg_ros.core.registration.search import Problem

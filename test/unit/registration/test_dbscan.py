@@ -6,8 +6,8 @@ import pytest
 from sklearn.cluster import DBSCAN
 from sklearn.neighbors import NearestNeighbors
 
-from dbscan_reg_ros.core.accelerated.steps import dbscan_circle, k_distances
-from dbscan_reg_ros.core.accelerated.steps import dbscan_plane as dbscan_of_complex
+from dbscan_reg_ros.core.registration.clustering.clusters import dbscan_plane as dbscan_of_complex
+from dbscan_reg_ros.core.registration.clustering.rotation import dbscan_circle, k_distances
 
 SEEDS = range(40)
 FAR = 1e6

@@ -7,11 +7,11 @@ import pytest
 from l_room import DENSITY, END, START, features, fitted, rows
 
 from dbscan_reg_ros import SE2, Parameters
-from dbscan_reg_ros.core.accelerated.steps import fit, polish, refine
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.features.tables import build_likelihood_field
 from dbscan_reg_ros.core.geometry.symmetric_matrix import solve
-from dbscan_reg_ros.core.registration.point_to_line import Alignment, jacobian, normal_equations, shared_information
+from dbscan_reg_ros.core.registration.point_to_line import fit, polish, refine
+from dbscan_reg_ros.core.registration.residuals import Alignment, jacobian, normal_equations, shared_information
 
 PARAMETERS = Parameters()
 MOTION = START.inverse() @ END

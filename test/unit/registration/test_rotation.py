@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from rooms import L_ROOM, look, outline
 
-from dbscan_reg_ros.core.accelerated.steps import estimate_rotations, k_distances, pair_weights
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.records import Segments
 from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
 from dbscan_reg_ros.core.parameters.registration import RotationParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
+from dbscan_reg_ros.core.registration.clustering.rotation import estimate_rotations, k_distances, pair_weights
 
 DEFAULT = RotationParameters()
 

@@ -8,16 +8,17 @@ from rooms import FULL, HALF, L_ROOM, look, outline
 from scipy.spatial.distance import mahalanobis
 
 from dbscan_reg_ros import SE2, Parameters, Prior
-from dbscan_reg_ros.core.accelerated.steps import (
-    fit,
-    rank_by_density,
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.registration.hypotheses import Candidates
+from dbscan_reg_ros.core.registration.point_to_line import fit
+from dbscan_reg_ros.core.registration.ranking import preselect, rank_by_density
+from dbscan_reg_ros.core.registration.scoring import (
+    distinct,
     reverse_conflicts,
+    same,
     scores,
     search_degenerate_direction,
 )
-from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.registration.hypotheses import Candidates
-from dbscan_reg_ros.core.registration.scoring import distinct, preselect, same
 from dbscan_reg_ros.core.registration.search import Problem
 
 ALIKE = Parameters().replace({'advanced.density.leverage_ridge': 1000.0, 'density.max_points': 1000})

@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 from rooms import L_ROOM, look, outline
 
-from dbscan_reg_ros.core.accelerated.steps import find_rivals, fit, uncertainty
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.parameters.registration import DecisionParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.hypotheses import Ranking
+from dbscan_reg_ros.core.registration.point_to_line import fit
 from dbscan_reg_ros.core.registration.records import Prior, Registration, Status
+from dbscan_reg_ros.core.registration.scoring import find_rivals
 from dbscan_reg_ros.core.registration.search import Problem
 from dbscan_reg_ros.core.registration.status import decide, demoted_if_weak, rival_covariance
+from dbscan_reg_ros.core.registration.uncertainty import uncertainty
 
 ROOM = outline(L_ROOM)
 

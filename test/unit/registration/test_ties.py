@@ -7,9 +7,10 @@ import pytest
 from accelerated_inputs import assert_same
 
 from dbscan_reg_ros import Parameters
-from dbscan_reg_ros.core.accelerated.steps import estimate_rotations, estimate_translations, pair_weights
 from dbscan_reg_ros.core.features.records import EndKind, Segments
 from dbscan_reg_ros.core.geometry.ties import first_largest, order_up_to_rounding
+from dbscan_reg_ros.core.registration.clustering.rotation import estimate_rotations, pair_weights
+from dbscan_reg_ros.core.registration.clustering.translation import estimate_translations
 
 P = Parameters()
 ROUNDING = 1e-15

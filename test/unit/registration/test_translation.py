@@ -8,12 +8,13 @@ import pytest
 from rooms import FOUR_WALLS, L_ROOM, look, moved, outline
 from rooms import segments_between as walls
 
-from dbscan_reg_ros.core.accelerated.steps import estimate_rotations, estimate_translations, pair_weights
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.records import EndKind, Segments
 from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
 from dbscan_reg_ros.core.parameters.registration import RotationParameters, TranslationParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
+from dbscan_reg_ros.core.registration.clustering.rotation import estimate_rotations, pair_weights
+from dbscan_reg_ros.core.registration.clustering.translation import estimate_translations
 from dbscan_reg_ros.core.registration.hypotheses import Rotations
 
 MOTION = SE2(0.4, -0.3, 0.2)

@@ -5,8 +5,8 @@ import pytest
 from dbscan_reg_ros import Odometry, ScanError
 from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.sensor import Sensor
 from dbscan_reg_ros.core.parameters.features import ScanParameters
+from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.robot.mounting import mounting_from_parameters
 from dbscan_reg_ros.robot.parameter_files import read_parameters, write_parameters
 from dbscan_reg_ros.robot.parameters import NodeParameters

@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 from ...geometry.se2 import SE2
 from ...registration.records import Prior, Status
+from ...sensor import Sensor
 from ..records import OdometryUpdate
-from ..sensor import Sensor
 from .clocks import ClockCheck
 from .compared_lidar import ComparedLidar
 from .first_lidar import FirstLidar

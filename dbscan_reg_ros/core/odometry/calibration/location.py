@@ -5,17 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...accelerated.steps import align_to_map, alignment_uncertainty
 from ...features.records import Features
 from ...geometry.array_types import FloatArray
 from ...geometry.se2 import DOF, SE2
 from ...geometry.symmetric_matrix import diagonal
+from ...mapping.correspondences import PosePrior
+from ...mapping.key_frame_window import KeyFrameWindow
+from ...mapping.observability import InitialAlignment
+from ...mapping.scan_to_map import align_to_map, alignment_uncertainty
 from ...parameters.tree import Parameters
 from ...registration.pipeline import register, register_within_gate
 from ...registration.records import Prior, Status
-from ..mapping.correspondences import PosePrior
-from ..mapping.key_frame_window import KeyFrameWindow
-from ..mapping.scan_to_map import InitialAlignment
 from ..references import degenerate_direction, predicted_along_degenerate
 
 

@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...accelerated.steps import fit, refine
 from ...errors import ScanError
 from ...features.records import Features
 from ...geometry.array_types import FloatArray
 from ...geometry.se2 import SE2
 from ...parameters.features import AUTO, LAST_BEAM, ScanParameters
 from ...parameters.tree import Parameters
-from ...registration.point_to_line import Alignment
+from ...registration.point_to_line import fit, refine
+from ...registration.residuals import Alignment
 from ...scan import Scan
 from ..records import OdometryUpdate
 from .motion import integrate

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...accelerated.steps import propagate_errors
 from ...geometry.se2 import DOF, SE2
 from ...registration.records import Prior
+from .propagation import propagate_errors
 
 
 class PoseMeasurement(NamedTuple):

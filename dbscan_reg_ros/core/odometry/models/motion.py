@@ -12,7 +12,7 @@ from ...geometry.tolerance import TINY
 from ...parameters.tree import Parameters
 from ...registration.records import Prior
 from .covariance import twist_variance
-from .scan_middle import ScanMiddle
+from .scan_order import ScanMiddle
 from .stamps import ScanInterval
 
 

@@ -1,9 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Intervals between scans of different sensors."""
+"""Scans of several sensors: the intervals between them, and the last one of each."""
 import dataclasses
+from dataclasses import dataclass
 
+from ...geometry.se2 import SE2
 from ...parameters.odometry import TimeParameters
 from .stamps import Jump, ScanInterval, StampFilter, seconds
+
+
+@dataclass
+class ScanMiddle:
+    """The last scan of one sensor.
+
+    Attributes
+    ----------
+    pose : SE2
+        Pose of the first sensor in the middle of this scan, in the odometry frame.
+    time : float [s]
+        Time from the middle of this scan to the stamp of the last scan of any sensor.
+    degenerate : bool
+        Whether a direction of the translation was degenerate for this scan.
+    constrained_count : int
+        Number of scans of all sensors, up to this scan, that constrained every direction.
+    """
+
+    pose: SE2
+    time: float
+    degenerate: bool
+    constrained_count: int
 
 
 class ScanOrder:

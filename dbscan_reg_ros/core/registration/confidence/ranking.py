@@ -2,14 +2,15 @@
 """Ranking of refined hypotheses by the evidence for each."""
 import numpy as np
 
-from ...accelerated.steps import collect_evidence, log_odds, uncertainty
 from ...geometry.array_types import FloatArray
 from ...geometry.ties import order_up_to_rounding
 from ..hypotheses import Ranking
-from ..point_to_line import Fit
 from ..records import Evidence
+from ..residuals import Fit
 from ..scoring import distinct
 from ..search import Problem
+from ..uncertainty import uncertainty
+from .evidence import collect_evidence, log_odds
 
 
 def rank_by_evidence(problem: Problem, fine: Ranking) -> Ranking:

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+"""Symmetric matrices ``(3, 3)``."""
+from libc.math cimport M_PI, atan2
+
+from .plane cimport length_of
+
+
+cdef enum:
+    # The inverse of `tolerance.TINY`.
+    INVERSE_TINY = 1_000_000_000
+
+
+cdef struct Factors:
+    # Of a symmetric matrix (3, 3) as L D L': the diagonal of D, and L below its own by rows.
+    double a, b, c, p, q, r
+
+
+cdef inline Factors factors(double xx, double xy, double xt, double yy, double yt, double tt) noexcept nogil:
+    """Factorise the symmetric matrix with this upper triangle, as `symmetric_matrix`."""
+    cdef double p = xy / xx, q = xt / xx, b = yy - p * xy, rest = yt - p * xt, r = rest / b
+    return Factors(xx, b, tt - q * xt - r * rest, p, q, r)
+
+
+cdef inline double squared_distance(const double[:, ::1] covariance, double *error) except? -1.0 nogil:
+    """Return the squared Mahalanobis distance of an error from 0, as `symmetric_matrix.mahalanobis`."""
+    cdef Factors f = factors(covariance[0, 0], covariance[0, 1], covariance[0, 2], covariance[1, 1], covariance[1, 2],
+                             covariance[2, 2])
+    cdef double y = error[1] - f.p * error[0], t = error[2] - f.q * error[0] - f.r * y
+    return error[0] * error[0] / f.a + y * y / f.b + t * t / f.c
+
+
+cdef inline int write_inverse(const double[:, ::1] matrix, double[:, ::1] result) except -1 nogil:
+    """Write the inverse of a symmetric matrix ``(3, 3)``, as `symmetric_matrix.inverse`."""
+    cdef Factors f = factors(matrix[0, 0], matrix[0, 1], matrix[0, 2], matrix[1, 1], matrix[1, 2], matrix[2, 2])
+    cdef double tt = 1.0 / f.c, yt = -f.r * tt, yy = 1.0 / f.b - f.r * yt, xt = -f.p * yt - f.q * tt
+    cdef double xy = -f.p * yy - f.q * yt
+    result[0, 0] = 1.0 / f.a - f.p * xy - f.q * xt
+    result[0, 1] = result[1, 0] = xy
+    result[0, 2] = result[2, 0] = xt
+    result[1, 1] = yy
+    result[1, 2] = result[2, 1] = yt
+    result[2, 2] = tt
+    return 0
+
+
+cdef struct Weakest:
+    # Direction [rad] in which the translation is constrained least, and the information along it and across it.
+    double angle, weak, strong
+
+
+cdef inline Weakest weakest_direction(double xx, double xy, double x, double yy, double y, double rotation) noexcept nogil:
+    """Find the direction in which a match constrains the translation least, for an unknown rotation."""
+    cdef double half, root
+    rotation = max(rotation, 1.0 / <double> INVERSE_TINY)
+    xx, xy, yy = xx - x * x / rotation, xy - x * y / rotation, yy - y * y / rotation
+    half, root = 0.5 * (xx + yy), length_of(0.5 * (xx - yy), xy)
+    return Weakest(0.5 * atan2(2.0 * xy, xx - yy) + 0.5 * M_PI, max(half - root, 0.0), half + root)
+
+
+cdef inline int read_weakest(const double[:, ::1] information, Weakest *found) except -1 nogil:
+    """Find the `weakest_direction` of an information matrix, or of the normal equations."""
+    found[0] = weakest_direction(information[0, 0], information[0, 1], information[0, 2], information[1, 1],
+                                 information[1, 2], information[2, 2])
+    return 0

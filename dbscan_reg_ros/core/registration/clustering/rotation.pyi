@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rotation hypotheses (section 2.2.1, Eq. 9)."""
+from ...features.records import Segments
+from ...geometry.array_types import FloatArray, IntArray
+from ...parameters.registration import RotationParameters
+from ..hypotheses import Rotations
+
+def pair_weights(reference: Segments, current: Segments, parameters: RotationParameters) -> FloatArray: ...
+def estimate_rotations(
+    reference: Segments, current: Segments, weights: FloatArray, parameters: RotationParameters
+) -> Rotations: ...
+def k_distances(samples: FloatArray, k: int) -> FloatArray: ...
+def dbscan_circle(samples: FloatArray, eps: float, min_samples: int, period: float) -> IntArray: ...

@@ -1,0 +1,17 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Translation hypotheses (section 2.2.2, Eq. 10-15)."""
+from ...features.records import Segments
+from ...geometry.array_types import FloatArray
+from ...parameters.registration import TranslationParameters
+from ..hypotheses import Rotations, Translations
+from ..records import Prior
+from ..search import Problem
+
+def estimate_translations(
+    reference: Segments,
+    current: Segments,
+    rotations: Rotations,
+    weights: FloatArray,
+    parameters: TranslationParameters,
+) -> Translations: ...
+def near_motions(problem: Problem, prior: Prior) -> FloatArray: ...

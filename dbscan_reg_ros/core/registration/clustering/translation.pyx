@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: Apache-2.0
+# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+"""Translation hypotheses (section 2.2.2, Eq. 10-15)."""
+from functools import partial
+
+import numpy as np
+
+from ...features.records import EndKind
+from ..hypotheses import Translations
+
+from libc.math cimport M_PI, cos, exp, fabs, sin
+
+from ...geometry.ordering cimport sort_up_to_rounding
+from ...geometry.plane cimport cross, rotated, wrap, wrapped
+from ..point_to_line cimport Equations, add_row, solve_step
+from ..scoring cimport is_near
+from ..views cimport SegmentViews, views_of_segments
+from .clusters cimport cluster_translations, rank_translations
+from .rotation cimport RotationClusters, weights_of
+
+
+def estimate_translations(reference, current, rotations, weights, parameters):
+    """Cluster the translations that follow from pairs of matched lines and from matched end points, for every rotation.
+
+    Parameters
+    ----------
+    reference, current : Segments
+        n and m of them.
+    rotations : Rotations
+    weights : (n, m) array
+        Weight of each pair of segments.
+    parameters : TranslationParameters
+    """
+    cdef SegmentViews ours = views_of_segments(reference), theirs = views_of_segments(current)
+    cdef TranslationClusters found = TranslationClusters(ours, theirs, rotations.difference, rotations.phi,
+                                                         np.ascontiguousarray(weights), parameters)
+    find_shortest = partial(shortest_translations, found.lines, rotations.phi[:parameters.shortest_rotations])
+    samples = np.asarray(found.samples).view(float).reshape(-1, 2)
+    return Translations(np.asarray(found.motion), np.asarray(found.weight), samples, np.asarray(found.sample_weight),
+                        np.asarray(found.rotation), np.asarray(found.labels), parameters.eps if len(samples) else 0.0,
+                        find_shortest)
+
+
+def near_motions(problem, prior):
+    """Return the translation clusters within the gate around a prior, heaviest first, ``(C, 3)``.
+
+    Parameters
+    ----------
+    problem : Problem
+    prior : Prior
+    """
+    p = problem.parameters
+    cdef SegmentViews ours = views_of_segments(problem.reference.segments)
+    cdef SegmentViews theirs = views_of_segments(problem.current.segments)
+    weights = weights_of(ours, theirs, p.rotation)
+    cdef RotationClusters rotations = RotationClusters(ours, theirs, weights, p.rotation)
+    cdef double[:, ::1] motion
+    expected = prior.transform
+    cdef double gate = p.prior.gate, angle = gate * <double> prior.rotation_sigma, reach
+    cdef double x = expected.x, y = expected.y, theta = expected.theta
+    cdef Py_ssize_t most = p.selection.max_clusters, count = 0, h, k
+    for h in range(rotations.phi.shape[0]):
+        if fabs(wrap(rotations.phi[h] - theta)) <= angle:
+            rotations.phi[count] = rotations.phi[h]
+            count += 1
+    motion = TranslationClusters(ours, theirs, rotations.difference, rotations.phi[:count], weights,
+                                 p.translation).motion
+    reach, count = gate * <double> prior.translation_sigma, 0
+    for h in range(motion.shape[0]):
+        if count < most and is_near(motion, h, x, y, theta, reach, angle):
+            for k in range(3):
+                motion[count, k] = motion[h, k]
+            count += 1
+    return np.asarray(motion[:count])
+
+
+cdef class MatchedLines:
+    """The L heaviest pairs of lines that each rotation makes parallel (Eq. 12), and their equations (Eq. 13).
+
+    The equation of a pair is ``n . t = n . (m_R - Rot(phi) m_O)``.
+    """
+
+    cdef Py_ssize_t[::1] rotation, ours, theirs
+    # Weight of each pair, angle between the lines [rad], distance of the line of translations from 0 [m].
+    cdef double[::1] weight, off, distance
+    cdef double complex[::1] along
+    cdef Py_ssize_t size
+
+    def __cinit__(self, SegmentViews reference, SegmentViews current, const double[:, ::1] difference,
+                  const double[::1] phi, const double[:, ::1] weights, double sigma, Py_ssize_t max_pairs):
+        cdef Py_ssize_t most = phi.shape[0] * min(max_pairs, difference.shape[0] * difference.shape[1])
+        cdef Py_ssize_t[:, ::1] index = np.empty((3, most), np.intp)
+        cdef double[:, ::1] number = np.empty((3, most))
+        self.rotation, self.ours, self.theirs = index[0], index[1], index[2]
+        self.weight, self.off, self.distance = number[0], number[1], number[2]
+        self.along = np.empty(most, complex)
+        self.match(difference, phi, weights, sigma, max_pairs)
+        self.write_equations(reference, current, phi)
+
+    cdef int match(self, const double[:, ::1] difference, const double[::1] phi, const double[:, ::1] weights,
+                   double sigma, Py_ssize_t max_pairs) except -1:
+        """Write the heaviest pairs of each rotation, and the angles between the lines."""
+        cdef Py_ssize_t m = difference.shape[1], size = difference.shape[0] * m, k, i, count
+        cdef double[:, ::1] found = np.empty((2, size))
+        cdef Py_ssize_t[:, ::1] work = np.empty((3, size), np.intp)
+        cdef double[::1] heavy = found[0], off = found[1]
+        cdef Py_ssize_t[::1] pair = work[0], order = work[1], scratch = work[2]
+        cdef double angle
+        with nogil:
+            for k in range(phi.shape[0]):
+                count = 0
+                for i in range(size):
+                    angle = wrapped(difference[i // m, i % m] - phi[k], 2.0 * M_PI)
+                    if fabs(angle) < 2.0 * sigma:
+                        # Negative: the heaviest come first.
+                        heavy[count] = -exp(-0.5 * (angle / sigma) * (angle / sigma)) * weights[i // m, i % m]
+                        off[count], pair[count] = angle, i
+                        count += 1
+                sort_up_to_rounding(heavy[:count], order, scratch)
+                for i in range(min(count, max_pairs)):
+                    self.rotation[self.size] = k
+                    self.ours[self.size], self.theirs[self.size] = pair[order[i]] // m, pair[order[i]] % m
+                    self.weight[self.size], self.off[self.size] = -heavy[order[i]], off[order[i]]
+                    self.size += 1
+        return 0
+
+    cdef int write_equations(self, SegmentViews reference, SegmentViews current, const double[::1] phi) except -1 nogil:
+        """Write the direction and the distance of the line of translations of each pair."""
+        cdef Py_ssize_t k, i, j
+        cdef double complex turn
+        cdef double angle
+        for k in range(self.size):
+            i, j = self.ours[k], self.theirs[k]
+            angle = reference.direction[i] - 0.5 * self.off[k]
+            self.along[k] = cos(angle) + 1j * sin(angle)
+            turn = cos(phi[self.rotation[k]]) + 1j * sin(phi[self.rotation[k]])
+            self.distance[k] = cross(self.along[k], reference.middle[i] - rotated(turn, current.middle[j]))
+        return 0
+
+
+cdef class TranslationClusters:
+    """The `Translations` that follow from rotations, as views."""
+
+    cdef MatchedLines lines
+    cdef double complex[::1] samples
+    cdef double[::1] sample_weight, weight
+    cdef Py_ssize_t[::1] rotation, labels
+    cdef double[:, ::1] motion
+
+    def __cinit__(self, SegmentViews reference, SegmentViews current, const double[:, ::1] difference,
+                  const double[::1] phi, const double[:, ::1] weights, parameters):
+        cdef MatchedLines lines = MatchedLines(reference, current, difference, phi, weights, parameters.parallel_sigma,
+                                               parameters.max_pairs)
+        cdef Py_ssize_t most = 2 * lines.size, run = 0, k, count
+        self.lines = lines
+        for k in range(lines.size):
+            run = run + 1 if k and lines.rotation[k] == lines.rotation[k - 1] else 0
+            most += run
+        cdef double[::1] weight = np.empty(most)
+        cdef double complex[::1] translation = np.empty(most, complex)
+        cdef Py_ssize_t[::1] group = np.empty(most, np.intp)
+        count = add_line_samples(lines, parameters.min_crossing_sine, translation, weight, group)
+        count = add_end_samples(reference, current, phi, lines, parameters.end_weight, count, translation, weight,
+                                group)
+        self.samples, self.sample_weight, self.rotation = translation[:count], weight[:count], group[:count]
+        self.labels, self.motion, self.weight = self.rotation, np.empty((0, 3)), self.sample_weight
+        if count:
+            self.labels = cluster_translations(self.samples, self.rotation, parameters.eps, parameters.min_samples,
+                                               parameters.max_width)
+            self.motion, self.weight, self.labels = rank_translations(self.samples, self.sample_weight, self.rotation,
+                                                                      self.labels, phi)
+
+
+cdef Py_ssize_t add_line_samples(MatchedLines lines, double min_crossing_sine, double complex[::1] translation,
+                                 double[::1] sample_weight, Py_ssize_t[::1] group) except -1 nogil:
+    """Solve all pairs of non-parallel line equations of each rotation (Eq. 14-15); return the number of samples."""
+    cdef Py_ssize_t first, second, count = 0
+    cdef double determinant
+    for first in range(lines.size):
+        for second in range(first + 1, lines.size):
+            if lines.rotation[second] != lines.rotation[first]:
+                break
+            determinant = cross(lines.along[first], lines.along[second])
+            if fabs(determinant) > min_crossing_sine:
+                translation[count] = (lines.distance[first] * lines.along[second]
+                                      - lines.distance[second] * lines.along[first]) / determinant
+                sample_weight[count] = min(lines.weight[first], lines.weight[second]) * fabs(determinant)
+                group[count] = lines.rotation[first]
+                count += 1
+    return count
+
+
+cdef double[3][3] END_WEIGHT = [[0.1, 0.1, 0.1], [0.1, 0.1, 0.1], [0.1, 0.1, 0.1]]
+END_WEIGHT[EndKind.CORNER][EndKind.CORNER] = 1.0
+END_WEIGHT[EndKind.FREE][EndKind.FREE] = 0.7
+END_WEIGHT[EndKind.CORNER][EndKind.FREE] = END_WEIGHT[EndKind.FREE][EndKind.CORNER] = 0.4
+# Scale of the robust weight [m] in each iteration for the shortest translation, and the damping of its least squares.
+cdef double[2] SHORTEST_SCALES = [1.0, 0.1]
+cdef double SHORTEST_DAMPING = 0.01
+
+
+cdef Py_ssize_t add_end_samples(SegmentViews reference, SegmentViews current, const double[::1] phi,
+                                MatchedLines lines, double end_weight, Py_ssize_t count,
+                                double complex[::1] translation, double[::1] sample_weight,
+                                Py_ssize_t[::1] group) except -1 nogil:
+    """Append translations that match start points with start points and end points with end points; count them all."""
+    cdef Py_ssize_t side, k, i, j
+    cdef double c, s, x, y, share
+    for side in range(2):
+        for k in range(lines.size):
+            i, j = lines.ours[k], lines.theirs[k]
+            share = end_weight * END_WEIGHT[reference.kinds[i, side]][current.kinds[j, side]]
+            if share == 0.0:
+                continue
+            c, s = cos(phi[lines.rotation[k]]), sin(phi[lines.rotation[k]])
+            if side:
+                x = reference.end[i, 0] - (c * current.end[j, 0] - s * current.end[j, 1])
+                y = reference.end[i, 1] - (s * current.end[j, 0] + c * current.end[j, 1])
+            else:
+                x = reference.start[i, 0] - (c * current.start[j, 0] - s * current.start[j, 1])
+                y = reference.start[i, 1] - (s * current.start[j, 0] + c * current.start[j, 1])
+            translation[count], sample_weight[count] = x + 1j * y, lines.weight[k] * share
+            group[count] = lines.rotation[k]
+            count += 1
+    return count
+
+
+def shortest_translations(MatchedLines lines, const double[::1] phi):
+    """Find the shortest translation that aligns all lines, for each of the first rotations `phi` ``(K,)``.
+
+    Robust and damped least squares: between parallel walls, where no two lines cross, the component along them is 0.
+
+    Returns
+    -------
+    (K, 3) array
+    """
+    cdef double scale, damping = SHORTEST_DAMPING, e, nx, ny
+    cdef Py_ssize_t h, k
+    cdef double[3] step
+    cdef Equations sums
+    motions = np.zeros((phi.shape[0], 3))
+    cdef double[:, ::1] found = motions
+    for scale in SHORTEST_SCALES:
+        for h in range(phi.shape[0]):
+            sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            for k in range(lines.size):
+                if lines.rotation[k] == h:
+                    # n . t - d for the normal n = i a of a line along a.
+                    nx, ny = -lines.along[k].imag, lines.along[k].real
+                    e = nx * found[h, 0] + ny * found[h, 1] - lines.distance[k]
+                    add_row(&sums, lines.weight[k] / (1.0 + (e / scale) * (e / scale)), nx, ny, 0.0,
+                            -lines.distance[k])
+            solve_step(&sums, damping, step)
+            found[h, 0], found[h, 1] = -step[0], -step[1]
+    motions[:, 2] = phi
+    return motions

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+"""Point-to-line correspondences and their normal equations (Eq. 16-18)."""
+from libc.math cimport cos, sin
+
+from .views cimport Lines, PointViews, nearest
+
+
+cdef enum:
+    # Columns of a table of hypotheses: x [m], y [m], theta [rad]; score, overlap, conflict; normal equations by rows.
+    SCORE = 3
+    OVERLAP = 4
+    CONFLICT = 5
+    EQUATIONS = 6
+    COLUMNS = 22
+
+
+cdef struct Pose:
+    # Position [m], cosine and sine of the heading.
+    double x, y, c, s
+
+
+cdef inline int read_pose(const double[:, ::1] poses, Py_ssize_t h, Pose *pose) except -1 nogil:
+    """Read a row ``(x, y, theta)`` of `poses`."""
+    pose.x, pose.y, pose.c, pose.s = poses[h, 0], poses[h, 1], cos(poses[h, 2]), sin(poses[h, 2])
+    return 0
+
+
+cdef struct Match:
+    # Rotated point [m], normal of the line, distance from it [m], and whether the normals agree.
+    double x, y, nx, ny, error
+    bint alike
+
+
+cdef inline int match_point(PointViews views, Lines field, Py_ssize_t k, Pose *pose, double min_cosine,
+                            Match *found) except -1 nogil:
+    """Find the line of the reference that is nearest to a point; distance and normal without the inverse noise."""
+    cdef double x = views.points[k].real, y = views.points[k].imag
+    cdef double mx = views.normals[k].real, my = views.normals[k].imag
+    cdef Py_ssize_t at
+    # p_R = Rot(theta) p_O + t (Eq. 8)
+    found.x, found.y = pose.c * x - pose.s * y, pose.s * x + pose.c * y
+    x, y = found.x + pose.x, found.y + pose.y
+    at = nearest(field.table, &field.grid, x, y)
+    # The normal is conjugated: its product with a point has the distance from the line as the real part.
+    found.nx, found.ny = field.normals[at].real, field.normals[at].imag
+    found.error = found.nx * x - found.ny * y - field.offsets[at]
+    found.alike = (found.nx * (pose.c * mx - pose.s * my) - found.ny * (pose.s * mx + pose.c * my) > min_cosine
+                   and (min_cosine >= 0.0 or at != field.no_point))
+    return 0
+
+
+cdef inline double product_imag(double complex a, double complex b) noexcept nogil:
+    """Return the imaginary part of a product."""
+    return a.real * b.imag + a.imag * b.real
+
+
+cdef struct Equations:
+    # Upper triangle of the weighted squares of the rows (x, y, theta, error).
+    double xx, xy, xt, x, yy, yt, y, tt, t, e
+
+
+cdef inline void add_row(Equations *sums, double weight, double a, double b, double r, double e) noexcept nogil:
+    """Add a point with the Jacobian (a, b, r) and the error e to the normal equations."""
+    sums.xx += weight * a * a
+    sums.xy += weight * a * b
+    sums.xt += weight * a * r
+    sums.x += weight * a * e
+    sums.yy += weight * b * b
+    sums.yt += weight * b * r
+    sums.y += weight * b * e
+    sums.tt += weight * r * r
+    sums.t += weight * r * e
+    sums.e += weight * e * e
+
+
+cdef inline void solve_step(Equations *s, double damping, double *step) noexcept nogil:
+    """Solve the normal equations for a damped step, as `symmetric_matrix.solve`: L D L' by hand."""
+    cdef double added = damping * (s.xx + s.yy + 1e-6)
+    cdef double a = s.xx + added, p = s.xy / a, q = s.xt / a
+    cdef double b = s.yy + added - p * s.xy, rest = s.yt - p * s.xt, r = rest / b
+    cdef double y = s.y - p * s.x, t = (s.t - q * s.x - r * y) / (s.tt + added - q * s.xt - r * rest)
+    y = y / b - r * t
+    step[0], step[1], step[2] = s.x / a - p * y - q * t, y, t
+
+
+cdef inline void write_equations(Equations *s, double *table) noexcept nogil:
+    """Write the normal equations as the rows of a symmetric matrix (4, 4)."""
+    table[0], table[1], table[2], table[3] = s.xx, s.xy, s.xt, s.x
+    table[4], table[5], table[6], table[7] = s.xy, s.yy, s.yt, s.y
+    table[8], table[9], table[10], table[11] = s.xt, s.yt, s.tt, s.t
+    table[12], table[13], table[14], table[15] = s.x, s.y, s.t, s.e
+
+
+cdef double[:, ::1] table_of(candidates)
+cdef int refine_poses(PointViews views, Lines field, double min_cosine, double damping, const double[::1] scales,
+                      double[:, ::1] poses) except -1
+cdef int add_points(PointViews views, Lines field, Pose *pose, double min_cosine, double scale,
+                    Equations *sums) except -1 nogil

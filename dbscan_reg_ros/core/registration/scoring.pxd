@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+"""Scores of hypotheses, and which of them differ (section 2.3)."""
+from libc.math cimport fabs
+
+from ..geometry.plane cimport bin_of, length_of, wrap
+from .views cimport Lines, PointViews
+
+
+cdef inline double violation(const double[::1] near, double x, double y, double tolerance) except? -1.0 nogil:
+    """Return 1 for a point well in front of what a scan saw, falling to 0 within the tolerance [m]."""
+    return min(max((near[bin_of(x, y, near.shape[0])] - length_of(x, y) - tolerance) * (1.0 / tolerance), 0.0), 1.0)
+
+
+cdef inline bint is_near(const double[:, ::1] poses, Py_ssize_t h, double x, double y, double theta, double most_apart,
+                         double angle) except -1 nogil:
+    """Whether a hypothesis lies within a distance [m] and an angle [rad] of one."""
+    return length_of(poses[h, 0] - x, poses[h, 1] - y) <= most_apart and fabs(wrap(poses[h, 2] - theta)) <= angle
+
+
+cdef class Comparison:
+    cdef object problem
+    cdef Lines field
+    cdef PointViews own
+    cdef const double[::1] share, near
+    cdef double min_cosine, damping, score_scale, tolerance, against
+
+
+cdef int write_scores(Comparison comparison, PointViews views, double[:, ::1] rows) except -1 nogil
+cdef int add_reverse_conflicts(Comparison comparison, const double[:, ::1] poses, double[::1] fraction) except -1
+cdef search_along(Comparison comparison, candidates, const double[::1] angles)

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: Apache-2.0
+# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+"""Scores of hypotheses, and which of them differ (section 2.3)."""
+import math
+
+import numpy as np
+
+from ..geometry import se2, tolerance
+
+from libc.math cimport cos, exp, fabs, sin
+
+from ..geometry.ordering cimport first_largest
+from .point_to_line cimport CONFLICT, EQUATIONS, OVERLAP, SCORE, Match, Pose, match_point, read_pose, table_of
+from .views cimport PointViews, lines_of, views_of
+
+cdef double TINY = tolerance.TINY
+
+
+def find_rivals(candidates, direction, parameters):
+    """Return which hypotheses ``(H, 3)`` differ from the first by `decision.rival_distance` or `decision.rival_angle`.
+
+    Differences along a degenerate `direction` [rad] do not count.
+    """
+    cdef double[:, ::1] poses = np.array(candidates)
+    cdef Py_ssize_t h
+    cdef double x = poses[0, 0], y = poses[0, 1], theta = poses[0, 2], c, s, off
+    cdef double apart = parameters.rival_distance, angle = parameters.rival_angle
+    flags = np.zeros(poses.shape[0], dtype=bool)
+    cdef unsigned char[::1] flag = flags
+    if direction is not None:
+        c, s = cos(direction), sin(direction)
+        for h in range(poses.shape[0]):
+            off = (poses[h, 0] - x) * c + (poses[h, 1] - y) * s
+            poses[h, 0], poses[h, 1] = poses[h, 0] - off * c, poses[h, 1] - off * s
+    for h in range(poses.shape[0]):
+        flag[h] = not is_near(poses, h, x, y, theta, apart, angle)
+    return flags
+
+
+cdef class Comparison:
+    """What hypotheses are compared by: both scans, and parameters as numbers."""
+
+    def __cinit__(self, problem):
+        p, current = problem.parameters, problem.current
+        self.problem, self.field = problem, lines_of(problem.reference.likelihood_field)
+        self.own, self.share = views_of(current.sampled_points), current.leverage
+        self.near = problem.reference.free_space.near
+        self.min_cosine, self.damping = p.density.min_normal_cosine, p.refinement.damping
+        self.score_scale, self.tolerance = p.refinement.score_scale, p.density.violation_tolerance
+        self.against = p.density.violation_weight
+
+
+def scores(problem, candidates):
+    """Return score, overlap and conflict ``(H,)`` of each of the hypotheses ``(H, 3)``, as a `Ranking` has them."""
+    cdef Comparison comparison = Comparison(problem)
+    cdef double[:, ::1] rows = table_of(candidates)
+    write_scores(comparison, comparison.own, rows)
+    return tuple(np.asarray(rows).T[SCORE:EQUATIONS].copy())
+
+
+def reverse_conflicts(problem, candidates):
+    """Return the weighted fraction ``(H,)`` of the reference's points in free space of the current scan."""
+    fraction = np.zeros(len(candidates))
+    add_reverse_conflicts(Comparison(problem), table_of(candidates), fraction)
+    return fraction
+
+
+cdef int write_scores(Comparison comparison, PointViews views, double[:, ::1] rows) except -1 nogil:
+    """Write score, overlap and conflict of each hypothesis by the current scan's points.
+
+    The score is the weighted fraction of the points on the reference's surfaces, less `violation_weight` times the
+    weighted fraction in its free space; the overlap is the unweighted fraction on the surfaces, and the conflict the
+    weighted fraction in free space.
+    """
+    cdef double factor = -0.5 / (comparison.score_scale * comparison.score_scale), weight, lost, e
+    cdef double value, overlap, conflict
+    cdef Py_ssize_t h, k
+    cdef Match found
+    cdef Pose pose
+    for h in range(rows.shape[0]):
+        read_pose(rows, h, &pose)
+        value = overlap = conflict = 0.0
+        for k in range(views.size):
+            match_point(views, comparison.field, k, &pose, comparison.min_cosine, &found)
+            # Gaussian kernel (Eq. 18), 0 where the normals disagree.
+            e = found.error * views.inverse_noise[k]
+            weight = exp(factor * e * e) if found.alike else 0.0
+            lost = violation(comparison.near, found.x + pose.x, found.y + pose.y,
+                             comparison.tolerance / views.inverse_noise[k])
+            value += (weight - comparison.against * lost * (1.0 - weight)) * comparison.share[k]
+            overlap += weight
+            conflict += lost * comparison.share[k]
+        rows[h, SCORE], rows[h, OVERLAP], rows[h, CONFLICT] = value, overlap / <double> max(views.size, 1), conflict
+    return 0
+
+
+cdef int add_reverse_conflicts(Comparison comparison, const double[:, ::1] poses, double[::1] fraction) except -1:
+    """Add the weighted fraction of the reference's points in free space of the current scan, of each hypothesis."""
+    reference = comparison.problem.reference
+    cdef PointViews views = views_of(reference.sampled_points)
+    cdef const double[::1] near = comparison.problem.current.free_space.near, share = reference.leverage
+    cdef Py_ssize_t h, k
+    cdef double x, y
+    cdef Pose pose
+    with nogil:
+        for h in range(poses.shape[0]):
+            read_pose(poses, h, &pose)
+            for k in range(views.size):
+                x, y = views.points[k].real - pose.x, views.points[k].imag - pose.y
+                fraction[h] += share[k] * violation(near, pose.c * x + pose.s * y, pose.c * y - pose.s * x,
+                                                    comparison.tolerance / views.inverse_noise[k])
+    return 0
+
+
+def within_gate(candidates, prior, parameters):
+    """Whether each hypothesis ``(H, 3)`` lies within `prior.gate` standard deviations of a prior."""
+    distance, angle = parameters.gate * prior.translation_sigma, parameters.gate * prior.rotation_sigma
+    return same(candidates, prior.transform.as_array(), distance, angle)
+
+
+def distinct(candidates, Py_ssize_t count, double distance, double angle):
+    """Return the indices of the first `count` hypotheses ``(H, 3)`` that differ from all hypotheses chosen before.
+
+    Two hypotheses differ if they are more than `distance` [m] or more than `angle` [rad] apart.
+    """
+    chosen = []
+    rows = candidates.tolist()
+    for index, (x, y, theta) in enumerate(rows):
+        if all(math.hypot(x - a, y - b) > distance or abs(se2.wrap(theta - c)) > angle
+               for a, b, c in map(rows.__getitem__, chosen)):
+            chosen.append(index)
+            if len(chosen) == count:
+                break
+    return chosen
+
+
+def same(candidates, one, double distance, double angle):
+    """Whether each hypothesis ``(H, 3)`` lies within `distance` [m] and `angle` [rad] of `one` ``(3,)``."""
+    near = np.hypot(candidates[:, 0] - one[0], candidates[:, 1] - one[1]) <= distance
+    return near & (np.abs(se2.wrap(candidates[:, 2] - one[2])) <= angle)
+
+
+def search_degenerate_direction(candidates, angles, problem):
+    """Shift each candidate along its degenerate direction to where the points with normals in this direction fit best.
+
+    Parameters
+    ----------
+    candidates : (H, 3) array
+    angles : (H,) array [rad]
+        Degenerate direction of each candidate in the reference's frame.
+    problem : Problem
+
+    Returns
+    -------
+    (H, 3) array
+    """
+    return search_along(Comparison(problem), candidates, angles)
+
+
+cdef search_along(Comparison comparison, candidates, const double[::1] angles):
+    """Shift each candidate ``(H, 3)`` along its angle [rad] to the best fit, first coarsely, then finely."""
+    p, last = comparison.problem.parameters, comparison.score_scale
+    cdef PointViews views = comparison.own
+    cdef double least = p.translation.min_crossing_sine, reach, step, scale
+    cdef Py_ssize_t h, facing
+    shifted = np.array(candidates)
+    cdef double[:, ::1] poses = shifted
+    cdef unsigned char[::1] faces = np.zeros(views.size, np.uint8)
+    cdef double[::1] value
+    with nogil:
+        facing = flag_facing(views, poses, angles, least, faces)
+    if facing < p.degeneracy.min_points:
+        return shifted
+    for reach, step, scale in (
+            (p.degeneracy.search_distance, 2.0 * last, 3.0 * last), (2.5 * last, 0.4 * last, last)):
+        value = np.empty(2 * math.floor(reach / step) + 1)
+        for h in range(poses.shape[0]):
+            with nogil:
+                shift_along(comparison, views, faces, angles[h], step, scale, poses[h], value)
+    return shifted
+
+
+cdef Py_ssize_t flag_facing(PointViews views, const double[:, ::1] poses, const double[::1] angles, double least,
+                            unsigned char[::1] faces) except -1 nogil:
+    """Flag points whose normal has a component above `least` along the angle of any candidate; return their number."""
+    cdef Py_ssize_t h, k, count = 0
+    cdef double c, s
+    for h in range(poses.shape[0]):
+        c, s = cos(poses[h, 2] - angles[h]), sin(poses[h, 2] - angles[h])
+        for k in range(views.size):
+            if not faces[k] and fabs(c * views.normals[k].real - s * views.normals[k].imag) > least:
+                faces[k] = True
+                count += 1
+    return count
+
+
+cdef int shift_along(Comparison comparison, PointViews views, const unsigned char[::1] faces, double angle,
+                     double step, double scale, double[::1] candidate, double[::1] value) except -1 nogil:
+    """Shift a candidate ``(x, y, theta)`` along an `angle` [rad] by the multiple of `step` [m] with the largest value.
+
+    The `value` of each multiple is the sum over the points of their kernel of `scale` [m] (Eq. 18) times the squared
+    component of the normal, minus the penalty for points in free space. The shortest come first, and of equal values
+    that of the shortest shift is chosen.
+    """
+    cdef double factor = -0.5 / (scale * scale), c = cos(angle), s = sin(angle), shift
+    cdef double e, weight, component, lost
+    cdef Py_ssize_t n, k
+    cdef Match found
+    cdef Pose pose
+    pose.c, pose.s = cos(candidate[2]), sin(candidate[2])
+    for n in range(value.shape[0]):
+        shift = shift_of(n, step)
+        pose.x, pose.y, value[n] = candidate[0] + shift * c, candidate[1] + shift * s, 0.0
+        for k in range(views.size):
+            if not faces[k]:
+                continue
+            match_point(views, comparison.field, k, &pose, comparison.min_cosine, &found)
+            e = found.error * views.inverse_noise[k]
+            weight = exp(factor * e * e) if found.alike else 0.0
+            component = (found.nx * c - found.ny * s) * views.inverse_noise[k]
+            lost = violation(comparison.near, found.x + pose.x, found.y + pose.y,
+                             comparison.tolerance / views.inverse_noise[k])
+            value[n] += weight * component * component - comparison.against * lost * (1.0 - weight)
+        value[n] -= TINY * fabs(shift)
+    shift = shift_of(first_largest(value), step)
+    candidate[0], candidate[1] = candidate[0] + shift * c, candidate[1] + shift * s
+    return 0
+
+
+cdef inline double shift_of(Py_ssize_t n, double step) noexcept nogil:
+    """Return the n-th of the multiples of a step, the shortest first: 0, -1, 1, -2, 2 and so on."""
+    return <double> ((n + 1) // 2) * (step if n % 2 == 0 else -step)

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+"""Views of scans and look-up tables, and the look-up of the nearest point (Eq. 16-18)."""
+
+
+cdef struct Grid:
+    # Corner [m], inverse cell size [1/m], cells along x and y, bytes of an index.
+    double x
+    double y
+    double inverse_cell
+    Py_ssize_t rows
+    Py_ssize_t columns
+    int width
+
+
+cdef struct FieldArrays:
+    # The arrays of a `LikelihoodField`, and the number of its points and no point.
+    Grid grid
+    const unsigned char *table
+    const double complex *normals
+    const double *offsets
+    const double *along
+    const double *extents
+    Py_ssize_t size
+
+
+cdef class Lines:
+    cdef const unsigned char[::1] table
+    cdef const double complex[::1] normals
+    cdef const double[::1] offsets, along, extents
+    cdef Py_ssize_t no_point
+    cdef Grid grid
+    cdef FieldArrays arrays
+
+
+cdef class PointViews:
+    cdef const double complex[::1] points, normals
+    cdef const double[::1] weights, inverse_noise
+    cdef Py_ssize_t size
+
+
+cdef class SegmentViews:
+    cdef const double[:] direction, length, sigma
+    cdef const double[:, :] start, end
+    cdef const Py_ssize_t[:, :] kinds
+    cdef double complex[::1] middle, along
+    cdef Py_ssize_t size
+
+
+cdef Lines lines_of(field)
+cdef PointViews views_of(oriented)
+cdef SegmentViews views_of_segments(segments)
+
+
+cdef inline Py_ssize_t clipped(double cell, Py_ssize_t size) noexcept nogil:
+    """Return a coordinate as the number of a cell, the first or the last where it lies outside."""
+    if not cell > 0.0:
+        return 0
+    return size - 1 if cell >= <double> (size - 1) else <Py_ssize_t> cell
+
+
+cdef inline Py_ssize_t nearest(const unsigned char[::1] table, Grid *grid, double x, double y) except -1 nogil:
+    """Return the index of the point nearest to (x, y) [m], from the bytes of the `table`."""
+    cdef Py_ssize_t row = clipped((x - grid.x) * grid.inverse_cell, grid.rows)
+    cdef Py_ssize_t cell = row * grid.columns + clipped((y - grid.y) * grid.inverse_cell, grid.columns)
+    if grid.width == 1:
+        return table[cell]
+    cell *= grid.width
+    if grid.width == 2:
+        return (<const unsigned short *> &table[cell])[0]
+    return (<const unsigned int *> &table[cell])[0]
