@@ -25,6 +25,8 @@ def assert_same(one, other):
         for field in dataclasses.fields(one):
             if field.compare or field.repr:
                 assert_same(getattr(one, field.name), getattr(other, field.name))
+    elif isinstance(one, (OrientedPoints, Segments)):
+        assert_same(one.__reduce__()[1], other.__reduce__()[1])
     elif isinstance(one, (tuple, list)):
         assert len(one) == len(other)
         for each, counterpart in zip(one, other):

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scans and segments of walls that are known exactly."""
-import dataclasses
 import math
 
 import numpy as np
@@ -57,5 +56,5 @@ def segments_between(*ends, kind=EndKind.OCCLUSION, sigma=1e-3):
 def moved(segments, motion):
     """The segments as seen after `motion`."""
     back = motion.inverse()
-    return dataclasses.replace(segments, start=back.apply(segments.start), end=back.apply(segments.end),
-                               direction=wrap(segments.direction - motion.theta))
+    return Segments(back.apply(segments.start), back.apply(segments.end), wrap(segments.direction - motion.theta),
+                    segments.length, segments.sigma_direction, segments.sigma_offset, segments.kinds, segments.beams)

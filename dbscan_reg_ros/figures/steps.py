@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..core.features.extraction import extract_from_returns
-from ..core.features.returns import admitted_returns
+from ..core.features.returns import Returns
 from ..core.features.ring_band import ring_band_filter
 from ..core.geometry.se2 import SE2, as_vectors, wrap
 from ..core.paper.pipeline import ScanLines, solve
@@ -50,8 +50,8 @@ class ScanSteps:
     @classmethod
     def of(cls, scan: Scan, parameters: Parameters) -> 'ScanSteps':
         """Run the steps on a scan; raise ScanError if the scan has too few returns."""
-        returns = admitted_returns(scan, parameters.scan)
-        features = extract_from_returns(returns, parameters)
+        returns = Returns(scan, parameters.scan)
+        features = extract_from_returns(returns, parameters, returns.noise_ratio)
         filtered, outcome = ring_band_filter(returns.points, returns.noise, parameters.filter)
         known = as_vectors(landmarks(features, parameters))
         return cls(features, returns.points, filtered, outcome, features.breaks, known)

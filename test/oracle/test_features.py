@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from accelerated_inputs import SIZES, oriented_points, scan_points
 
+from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.noise import estimate_noise
-from dbscan_reg_ros.core.features.points import build_oriented_points, high_leverage, leverage
+from dbscan_reg_ros.core.features.oriented_points import OrientedPoints, high_leverage, leverage
 from dbscan_reg_ros.core.features.ring_band import Outcome, ring_band_filter
-from dbscan_reg_ros.core.features.surfaces import estimate_normals, find_breaks, point_sequence
+from dbscan_reg_ros.core.features.surfaces import estimate_normals, find_breaks
 from dbscan_reg_ros.core.features.tables import build_free_space_profile, build_likelihood_field
 from dbscan_reg_ros.core.geometry.se2 import as_complex
 from dbscan_reg_ros.core.parameters.tree import Parameters
+from dbscan_reg_ros.core.scan import Scan
 
 P = Parameters()
 RNGS = pytest.mark.parametrize('seed', range(3))
@@ -94,14 +96,13 @@ def test_surfaces_end_where_eq_5_says_and_normals_are_those_of_their_windows(see
     measured = scan_points(rng, 300)
     beams = np.flatnonzero(np.isfinite(measured[:, 0]))
     points, noise = as_complex(measured[beams]), rng.uniform(0.0, 0.05, len(beams))
-    sequence = point_sequence(points, beams, increment, 0.01, P.segments)
+    breaks = find_breaks(points, beams, increment, 0.01, P.segments)
     for k in range(len(points) - 1):
         gap, nearer = beams[k + 1] - beams[k], min(abs(points[k]), abs(points[k + 1]))
         limit = P.segments.breakpoint_factor * abs(increment) * gap * nearer + P.segments.breakpoint_noise * 0.01
-        assert sequence.breaks[k] == (gap > P.segments.max_gap or abs(points[k + 1] - points[k]) >= limit)
-    np.testing.assert_array_equal(find_breaks(points, beams, increment, 0.01, P.segments), sequence.breaks)
-    normals = estimate_normals(sequence, noise, P.segments)
-    surface = np.concatenate(([0], np.cumsum(sequence.breaks)))
+        assert breaks[k] == (gap > P.segments.max_gap or abs(points[k + 1] - points[k]) >= limit)
+    normals = estimate_normals(points, breaks, increment, noise, P.segments)
+    surface = np.concatenate(([0], np.cumsum(breaks)))
     for k in np.flatnonzero(normals):
         near = [i for i in range(k - P.segments.normal_beams, k + P.segments.normal_beams + 1)
                 if 0 <= i < len(points) and surface[i] == surface[k]]
@@ -125,7 +126,7 @@ def test_the_leverage_is_the_diagonal_of_the_hat_matrix(seed, size):
     for weights in (points.weights, None, np.zeros(size)):
         hat = np.einsum('ni,ij,nj->n', rows, np.linalg.inv(mean + np.eye(2)), rows)
         hat = hat if weights is None else hat * weights
-        found = leverage(dataclasses.replace(points, weights=weights), 1.0)
+        found = leverage(OrientedPoints(points.points, points.normals, points.beams, weights), 1.0)
         np.testing.assert_allclose(found, hat / max(hat.sum(), 1e-300), atol=1e-12)
     if size > 2:
         hat = np.einsum('ni,ij,nj->n', rows, np.linalg.inv(mean), rows)
@@ -134,10 +135,12 @@ def test_the_leverage_is_the_diagonal_of_the_hat_matrix(seed, size):
 
 
 def test_points_without_a_normal_are_no_oriented_points():
-    normals = np.array([(1.0, 0.0), (0.0, 0.0), (0.0, -1.0)])
-    found = build_oriented_points(np.arange(6.0).reshape(3, 2), normals, np.array([4, 5, 7]))
-    assert found.points.tolist() == [1j, 4 + 5j] and found.beams.tolist() == [4, 7]
-    assert found.normals.tolist() == [1, -1j]
+    features = extract_features(Scan.from_points(scan_points(np.random.default_rng(0), 180)))
+    known, found = features.normals.any(axis=1), features.wall_points
+    assert 0 < len(found) < len(features.points)
+    assert found.points.tolist() == as_complex(features.points[known]).tolist()
+    assert found.normals.tolist() == as_complex(features.normals[known]).tolist()
+    assert found.beams.tolist() == features.beams[known].tolist()
 
 
 @RNGS

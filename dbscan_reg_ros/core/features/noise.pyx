@@ -5,7 +5,7 @@ import numpy as np
 
 from libc.math cimport fabs, sqrt
 
-from ..geometry.ordering cimport order_statistic, sort_stably
+from ..geometry.ordering cimport order_statistic
 from ..geometry.plane cimport cross, length_of
 
 cdef Py_ssize_t MIN_RANGES = 8
@@ -18,7 +18,7 @@ cdef double TYPICAL = 0.05
 TYPICAL_NOISE = TYPICAL
 
 
-def estimate_noise(const double[::1] ranges, limits):
+cpdef double estimate_noise(const double[::1] ranges, limits) except -1.0:
     """Estimate the standard deviation of a range [m] from second differences along the scan.
 
     A low quantile of the differences is robust against corners, range jumps and a good part of outliers. The result is
@@ -43,8 +43,8 @@ def estimate_noise(const double[::1] ranges, limits):
     return min(max(found / (NORMAL * sqrt(1.5)), limits.noise_min), limits.noise_max)
 
 
-def estimate_noise_ratio(const double complex[::1] points, const double[::1] ranges, const Py_ssize_t[::1] beams,
-                         limits):
+cpdef double estimate_noise_ratio(const double complex[::1] points, const double[::1] ranges,
+                                  const Py_ssize_t[::1] beams, limits) except -1.0:
     """Estimate the standard deviation of a range as a fraction of the range.
 
     The error of a point is its distance, along its beam, from the line through its two neighbours; this holds for
@@ -67,26 +67,54 @@ def estimate_noise_ratio(const double complex[::1] points, const double[::1] ran
     float
         At most `noise_ratio_max`; 0 where far ranges are not noisier than near ones.
     """
-    errors, radii = np.empty(points.shape[0]), np.empty(points.shape[0])
-    cdef Py_ssize_t size = errors_along_beams(points, ranges, beams, errors, radii), half = size // 2, k
+    cdef double[:, ::1] work = np.empty((4, points.shape[0]))
+    cdef double[::1] error = work[0], radius = work[1], ranked = work[2], part = work[3]
+    cdef Py_ssize_t size = errors_along_beams(points, ranges, beams, error, radius), half = size // 2
+    cdef double near_noise, far_noise, far_high, near_range, far_range
     if half < MIN_RANGES:
         return 0.0
-    cdef double[::1] error = errors, radius = radii, near = np.empty(half), far = np.empty(half)
-    cdef Py_ssize_t[::1] order = np.empty(size, np.intp), scratch = np.empty(size, np.intp)
-    cdef double near_noise, far_noise, far_high, near_range, far_range
     with nogil:
-        sort_stably(radius[:size], order, scratch)
-        for k in range(half):
-            near[k], far[k] = error[order[k]], error[order[size - half + k]]
-        near_range, far_range = radius[order[half // 2]], radius[order[size - half + half // 2]]
-        near_noise = order_statistic(near, half, <Py_ssize_t> (QUANTILE * half))
-        far_noise = order_statistic(far, half, <Py_ssize_t> (QUANTILE * half))
-        far_high = order_statistic(far, half, <Py_ssize_t> ((1.0 - QUANTILE) * half))
+        ranked[:size] = radius[:size]
+        near_range = order_statistic(ranked, size, half // 2)
+        far_range = order_statistic(ranked, size, size - half + half // 2)
+        take_nearest(radius[:size], error, order_statistic(ranked, size, half - 1), half, part)
+        near_noise = order_statistic(part, half, <Py_ssize_t> (QUANTILE * half))
+        take_farthest(radius[:size], error, order_statistic(ranked, size, size - half), half, part)
+        far_noise = order_statistic(part, half, <Py_ssize_t> (QUANTILE * half))
+        far_high = order_statistic(part, half, <Py_ssize_t> ((1.0 - QUANTILE) * half))
     if far_noise * far_noise * near_range <= near_noise * near_noise * far_range:
         return 0.0
     if far_high > MAX_SPREAD * far_noise:
         return 0.0
     return min(far_noise / far_range / NORMAL, limits.noise_ratio_max)
+
+
+cdef int take_nearest(const double[::1] radius, const double[::1] error, double last, Py_ssize_t count,
+                      double[::1] taken) except -1 nogil:
+    """Write the errors of the `count` points with the least ranges, of those at the `last` range the first."""
+    cdef Py_ssize_t k, nearer = 0, at = 0
+    for k in range(radius.shape[0]):
+        nearer += radius[k] < last
+    for k in range(radius.shape[0]):
+        if radius[k] < last or (radius[k] == last and nearer < count):
+            nearer += radius[k] == last
+            taken[at] = error[k]
+            at += 1
+    return 0
+
+
+cdef int take_farthest(const double[::1] radius, const double[::1] error, double first, Py_ssize_t count,
+                       double[::1] taken) except -1 nogil:
+    """Write the errors of the `count` points with the largest ranges, of those at the `first` range the last."""
+    cdef Py_ssize_t k, farther = 0, at = 0
+    for k in range(radius.shape[0]):
+        farther += radius[k] > first
+    for k in range(radius.shape[0] - 1, -1, -1):
+        if radius[k] > first or (radius[k] == first and farther < count):
+            farther += radius[k] == first
+            taken[at] = error[k]
+            at += 1
+    return 0
 
 
 cdef Py_ssize_t errors_along_beams(const double complex[::1] points, const double[::1] ranges,
@@ -121,9 +149,14 @@ def range_noise(const double[::1] radius, double noise, double ratio):
         Standard deviation of a range as a fraction of the range. Where ``ratio * radius`` exceeds `TYPICAL_NOISE`, the
         excess is added to `noise`.
     """
-    cdef Py_ssize_t k
     result = np.empty(radius.shape[0])
-    cdef double[::1] each = result
-    for k in range(radius.shape[0]):
-        each[k] = noise + max(ratio * radius[k] - TYPICAL, 0.0)
+    write_range_noise(radius, noise, ratio, result)
     return result
+
+
+cdef int write_range_noise(const double[::1] radius, double noise, double ratio, double[::1] result) except -1 nogil:
+    """Write the `range_noise` of each range."""
+    cdef Py_ssize_t k
+    for k in range(radius.shape[0]):
+        result[k] = noise + max(ratio * radius[k] - TYPICAL, 0.0)
+    return 0

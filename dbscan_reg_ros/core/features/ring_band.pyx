@@ -10,7 +10,7 @@ from ..geometry import tolerance
 from libc.math cimport INFINITY, NAN, fabs, isfinite, isnan
 from libc.stdlib cimport labs
 
-from ..geometry.plane cimport cross, modulus
+from ..geometry.plane cimport cross, modulus, vector
 
 cdef double SIGMAS = tolerance.SIGMAS
 
@@ -65,26 +65,28 @@ def ring_band_filter(points, double noise, parameters):
     outcome : (N,) int
         `Outcome` of each beam.
     """
-    outcome = np.zeros(len(points), dtype=int)
-    if parameters.test == 'off' or len(points) <= 2 * INNER:
-        return points, outcome
-    cdef const double[:, ::1] place = np.ascontiguousarray(points)
+    filtered, outcome = np.array(points, order='C'), np.zeros(len(points), dtype=int)
+    filter_points(filtered.view(complex)[:, 0], noise, parameters, outcome)
+    return filtered, outcome
+
+
+cdef int filter_points(double complex[::1] place, double noise, parameters, Py_ssize_t[::1] outcome) except -1:
+    """Filter points in beam order in place, as `ring_band_filter`; write what became of those that are not kept."""
+    if parameters.test == 'off' or place.shape[0] <= 2 * INNER:
+        return 0
     cdef Ring ring = Ring(parameters.relative_tolerance, SIGMAS * noise)
     cdef Py_ssize_t inner_threshold = parameters.inner_threshold, outer_threshold = parameters.outer_threshold
-    cdef double gross = parameters.gross_error or np.inf
-    padded, beams = ring_points(place)
-    cdef const double complex[::1] beam = padded
-    cdef const Py_ssize_t[::1] of = beams
-    cdef signed char[::1] flags = np.zeros(len(padded), np.int8)
-    cdef double[::1] deviation = np.zeros(len(padded))
-    if not find_candidates(beam, &ring, flags, deviation):
-        return points, outcome
-    filtered = points.copy()
-    cdef double[:, ::1] kept = filtered
-    cdef Py_ssize_t[::1] kind = outcome
-    cdef Py_ssize_t k, i
+    cdef double gross = parameters.gross_error or INFINITY
+    cdef Py_ssize_t size = ring_size(place), k, i
+    cdef double complex[::1] beam = np.full(size + 2 * RING, complex(NAN, NAN))
+    cdef Py_ssize_t[::1] of = np.empty(size, np.intp)
+    cdef signed char[::1] flags = np.zeros(size + 2 * RING, np.int8)
+    cdef double[::1] deviation = np.zeros(size + 2 * RING)
     cdef Py_ssize_t[2] counts
     with nogil:
+        take_points(place, beam, of)
+        if not find_candidates(beam, &ring, flags, deviation):
+            return 0
         for k in range(RING, beam.shape[0] - RING):
             if not flags[k] & CANDIDATE:
                 continue
@@ -93,38 +95,37 @@ def ring_band_filter(points, double noise, parameters):
             if deviation[k] <= gross:
                 count_outliers(beam, k, &ring, counts)
             if counts[0] >= inner_threshold or deviation[k] > gross:
-                kept[i, 0] = kept[i, 1] = NAN
-                kind[i] = REMOVED
+                place[i] = vector(NAN, NAN)
+                outcome[i] = REMOVED
             elif counts[1] >= outer_threshold:
-                kind[i] = CORNER
-            elif 0 < i < place.shape[0] - 1 and isfinite(place[i - 1, 0] + place[i + 1, 0]):
-                kept[i, 0] = (place[i - 1, 0] + place[i, 0] + place[i + 1, 0]) / 3.0
-                kept[i, 1] = (place[i - 1, 1] + place[i, 1] + place[i + 1, 1]) / 3.0
-                kind[i] = SMOOTHED
-    return filtered, outcome
+                outcome[i] = CORNER
+            elif (RING < k < RING + size - 1 and of[k - RING - 1] == i - 1 and of[k - RING + 1] == i + 1
+                  and isfinite(beam[k - 1].real + beam[k + 1].real)):
+                place[i] = vector((beam[k - 1].real + beam[k].real + beam[k + 1].real) / 3.0,
+                                  (beam[k - 1].imag + beam[k].imag + beam[k + 1].imag) / 3.0)
+                outcome[i] = SMOOTHED
+    return 0
 
 
-cdef tuple ring_points(const double[:, ::1] place):
-    """Return the points as complex numbers, with `RING` times nan on either side, and the beam of each.
-
-    Where most returns have no neighbour, beams without a return are left out.
-    """
-    cdef Py_ssize_t size = place.shape[0], known = 0, adjacent = 0, k, count = 0
-    for k in range(size):
-        if isfinite(place[k, 0]):
+cdef Py_ssize_t ring_size(const double complex[::1] place) except -1 nogil:
+    """Return the number of beams that make up the rings: without those without a return where these are most."""
+    cdef Py_ssize_t known = 0, adjacent = 0, k
+    for k in range(place.shape[0]):
+        if isfinite(place[k].real):
             known += 1
-            adjacent += k > 0 and isfinite(place[k - 1, 0])
-    cdef bint dense = 2 * adjacent >= known - 1
-    padded = np.full((size if dense else known) + 2 * RING, complex(NAN, NAN))
-    beams = np.empty(len(padded) - 2 * RING, np.intp)
-    cdef double complex[::1] beam = padded
-    cdef Py_ssize_t[::1] of = beams
-    for k in range(size):
-        if dense or isfinite(place[k, 0]):
-            beam[RING + count] = place[k, 0] + 1j * place[k, 1]
-            of[count] = k
+            adjacent += k > 0 and isfinite(place[k - 1].real)
+    return place.shape[0] if 2 * adjacent >= known - 1 else known
+
+
+cdef int take_points(const double complex[::1] place, double complex[::1] beam, Py_ssize_t[::1] of) except -1 nogil:
+    """Write the points between `RING` times nan on either side, and the beam of each."""
+    cdef Py_ssize_t k, count = 0
+    cdef bint dense = of.shape[0] == place.shape[0]
+    for k in range(place.shape[0]):
+        if dense or isfinite(place[k].real):
+            beam[RING + count], of[count] = place[k], k
             count += 1
-    return padded, beams
+    return 0
 
 
 cdef inline bint on_line(const double complex[::1] beam, Py_ssize_t third, Py_ssize_t first, Py_ssize_t second,
@@ -144,7 +145,7 @@ cdef inline bint on_line(const double complex[::1] beam, Py_ssize_t third, Py_ss
 
 
 cdef bint find_candidates(const double complex[::1] beam, Ring *ring, signed char[::1] flags,
-                          double[::1] deviation) except -1:
+                          double[::1] deviation) except -1 nogil:
     """Flag beams that lie on no line through two other beams of their ring; return whether there are any.
 
     A corner lies on the lines of both its walls. Where the beams before and those after are straight, a pair with one
@@ -153,21 +154,20 @@ cdef bint find_candidates(const double complex[::1] beam, Ring *ring, signed cha
     cdef Py_ssize_t k, end = beam.shape[0] - RING
     cdef double off
     cdef bint corner, found = False
-    with nogil:
-        for k in range(RING, end):
-            if on_line(beam, k, k - 1, k + 1, ring, &off):
-                flags[k] |= ASTRIDE
-        for k in range(RING, end):
-            if not isfinite(beam[k].real):
-                continue
-            corner = flags[k - 2] & ASTRIDE and flags[k + 2] & ASTRIDE
-            if flags[k] & ASTRIDE and not corner:
-                continue
-            if on_line(beam, k, k - 2, k - 1, ring, &off) or on_line(beam, k, k + 1, k + 2, ring, &off):
-                continue
-            if not on_some_line(beam, k, corner, ring, &deviation[k]):
-                flags[k] |= CANDIDATE
-                found = True
+    for k in range(RING, end):
+        if on_line(beam, k, k - 1, k + 1, ring, &off):
+            flags[k] |= ASTRIDE
+    for k in range(RING, end):
+        if not isfinite(beam[k].real):
+            continue
+        corner = flags[k - 2] & ASTRIDE and flags[k + 2] & ASTRIDE
+        if flags[k] & ASTRIDE and not corner:
+            continue
+        if on_line(beam, k, k - 2, k - 1, ring, &off) or on_line(beam, k, k + 1, k + 2, ring, &off):
+            continue
+        if not on_some_line(beam, k, corner, ring, &deviation[k]):
+            flags[k] |= CANDIDATE
+            found = True
     return found
 
 

@@ -5,12 +5,12 @@ import numpy as np
 
 from ..geometry import tolerance
 from ..geometry.ties import order_up_to_rounding
-from .records import Segments
 
 from libc.math cimport atan2, fabs, sqrt
 from libc.stdlib cimport free, malloc
 
 from ..geometry.plane cimport Line, cross, distance, dot, fit_line, modulus
+from .records cimport Segments
 
 cdef double TINY = tolerance.TINY, SAME = tolerance.SAME, SIGMAS = tolerance.SIGMAS
 
@@ -58,26 +58,27 @@ cdef SegmentLimits segment_limits(p) except *:
                          p.split_levels)
 
 
-def extract_segments(sequence, const double[::1] noise, parameters):
-    """Extract the line segments of one scan.
+cdef Segments extract_segments(const double complex[::1] points, const unsigned char[::1] breaks,
+                               const double[:, ::1] moments, const double[::1] radius, const Py_ssize_t[::1] beams,
+                               const double[::1] noise, parameters):
+    """Extract the line segments of one scan, in beam order.
 
     Parameters
     ----------
-    sequence : PointSequence
+    points : (P,) complex
+        Returns in beam order [m].
+    breaks : (P - 1,) bool
+        As from `surfaces.find_breaks`.
+    moments : (5, P + 1) float
+        Sums of x, y, xx, xy, yy before each point.
+    radius : (P,) float
+        Range of each point [m].
+    beams : (P,) int
     noise : (P,) float
         Standard deviation of each range [m].
     parameters : SegmentParameters
-
-    Returns
-    -------
-    Segments
-        In beam order.
     """
     cdef SegmentLimits limits = segment_limits(parameters)
-    cdef const double complex[::1] points = sequence.points
-    cdef const double[:, ::1] moments = sequence.moments
-    cdef const unsigned char[::1] breaks = sequence.breaks
-    cdef const double[::1] radius = sequence.radius
     cdef Py_ssize_t size = points.shape[0], count
     if moments.shape[0] != 5 or moments.shape[1] != size + 1:
         raise IndexError('moments of another number of points')
@@ -93,7 +94,7 @@ def extract_segments(sequence, const double[::1] noise, parameters):
         count = keep_longest(pieces, count, parameters.max_segments)
         with nogil:
             find_corners(points, breaks, &limits, pieces, count)
-        return make_segments(pieces, count, radius, noise, sequence.beams, limits.depth_margin)
+        return make_segments(pieces, count, radius, noise, beams, limits.depth_margin)
     finally:
         free(pieces)
 
@@ -267,13 +268,12 @@ cdef int find_corners(const double complex[::1] points, const unsigned char[::1]
     return 0
 
 
-cdef make_segments(Piece *pieces, Py_ssize_t count, const double[::1] radius, const double[::1] noise,
-                   const Py_ssize_t[::1] beams, double depth_margin):
+cdef Segments make_segments(Piece *pieces, Py_ssize_t count, const double[::1] radius, const double[::1] noise,
+                            const Py_ssize_t[::1] beams, double depth_margin):
     """Return the `Segments` of the pieces; an end beside free space is free."""
-    starts, ends, numbers = np.empty((count, 2)), np.empty((count, 2)), np.empty((4, count))
-    end_kinds, end_beams = np.empty((count, 2), dtype=int), np.empty((count, 2), np.intp)
-    cdef double[:, ::1] start = starts, end = ends, number = numbers
-    cdef Py_ssize_t[:, ::1] kind = end_kinds, beam = end_beams
+    places, numbers, integers = np.empty((2, count, 2)), np.empty((4, count)), np.empty((2, count, 2), np.intp)
+    cdef double[:, ::1] start = places[0], end = places[1], number = numbers
+    cdef Py_ssize_t[:, ::1] kind = integers[0], beam = integers[1]
     cdef Py_ssize_t k, first, last
     cdef double sigma
     for k in range(count):
@@ -296,5 +296,4 @@ cdef make_segments(Piece *pieces, Py_ssize_t count, const double[::1] radius, co
         number[1, k] = distance(pieces[k].end, pieces[k].start)
         number[2, k] = sigma / sqrt(max(pieces[k].size * pieces[k].line.spread, TINY))
         number[3, k] = sigma / sqrt(pieces[k].size)
-    return Segments(start=starts, end=ends, direction=numbers[0], length=numbers[1], sigma_direction=numbers[2],
-                    sigma_offset=numbers[3], kinds=end_kinds, beams=end_beams)
+    return Segments(places[0], places[1], numbers[0], numbers[1], numbers[2], numbers[3], integers[0], integers[1])

@@ -3,12 +3,9 @@
 """Surfaces of a scan: points in beam order, cut at breakpoints (Eq. 5), and their normals."""
 import numpy as np
 
-from .oriented_points import PointSequence
-
 from libc.math cimport fabs
 
-from ..geometry.ordering cimport bisect_left, bisect_right
-from ..geometry.plane cimport Line, cross, distance, fit_range, length_of, modulus
+from ..geometry.plane cimport Line, cross, distance, fit_range, modulus
 
 
 # Minimum number of points in the window of a point for it to have a normal.
@@ -17,9 +14,9 @@ cdef Py_ssize_t MIN_NEIGHBOURS = 3
 cdef double MAX_RESIDUAL = 0.25
 
 
-def point_sequence(const double complex[::1] points, const Py_ssize_t[::1] beams, double increment, double noise,
-                   parameters):
-    """Make the `PointSequence` of a scan: ranges, breaks (Eq. 5) and summed moments.
+def find_breaks(const double complex[::1] points, const Py_ssize_t[::1] beams, double increment, double noise,
+                parameters):
+    """Find where neighbouring points lie too far apart for one surface (Eq. 5).
 
     Parameters
     ----------
@@ -32,48 +29,25 @@ def point_sequence(const double complex[::1] points, const Py_ssize_t[::1] beams
     noise : float
         Standard deviation of a range [m].
     parameters : SegmentParameters
-    """
-    cdef Py_ssize_t size = points.shape[0], k
-    cdef BreakLimits limits = break_limits(increment, noise, parameters)
-    radii, moments, breaks = np.empty(size), np.zeros((5, size + 1)), np.empty(max(size - 1, 0), dtype=bool)
-    cdef double[::1] radius = radii
-    cdef double[:, ::1] total = moments
-    cdef unsigned char[::1] broken = breaks
-    cdef double x, y
-    with nogil:
-        for k in range(size):
-            x, y = points[k].real, points[k].imag
-            radius[k] = length_of(x, y)
-            total[0, k + 1], total[1, k + 1] = total[0, k] + x, total[1, k] + y
-            total[2, k + 1], total[3, k + 1] = total[2, k] + x * x, total[3, k] + x * y
-            total[4, k + 1] = total[4, k] + y * y
-        for k in range(size - 1):
-            broken[k] = is_break(points[k], points[k + 1], beams[k + 1] - beams[k], &limits)
-    return PointSequence(np.asarray(points), radii, np.asarray(beams), moments, breaks, increment)
-
-
-def find_breaks(const double complex[::1] points, const Py_ssize_t[::1] beams, double increment, double noise,
-                parameters):
-    """Find where neighbouring points lie too far apart for one surface (Eq. 5); arguments as for `point_sequence`.
 
     Returns
     -------
     (P - 1,) bool
         True where a break lies between a point and the next.
     """
-    cdef Py_ssize_t size = points.shape[0], k
+    breaks = np.empty(max(points.shape[0] - 1, 0), dtype=bool)
     cdef BreakLimits limits = break_limits(increment, noise, parameters)
-    breaks = np.empty(max(size - 1, 0), dtype=bool)
-    cdef unsigned char[::1] broken = breaks
-    for k in range(size - 1):
-        broken[k] = is_break(points[k], points[k + 1], beams[k + 1] - beams[k], &limits)
+    mark_breaks(points, beams, &limits, breaks)
     return breaks
 
 
-cdef struct BreakLimits:
-    # Distance beyond which two neighbouring beams are apart: per range, and by noise [m]; widest gap [beams].
-    double factor, margin
-    Py_ssize_t max_gap
+cdef int mark_breaks(const double complex[::1] points, const Py_ssize_t[::1] beams, BreakLimits *limits,
+                     unsigned char[::1] broken) except -1 nogil:
+    """Mark the breaks between neighbouring points, as `find_breaks`."""
+    cdef Py_ssize_t k
+    for k in range(points.shape[0] - 1):
+        broken[k] = is_break(points[k], points[k + 1], beams[k + 1] - beams[k], limits)
+    return 0
 
 
 cdef BreakLimits break_limits(double increment, double noise, parameters) except *:
@@ -82,14 +56,27 @@ cdef BreakLimits break_limits(double increment, double noise, parameters) except
                        parameters.max_gap)
 
 
-cdef inline bint is_break(double complex first, double complex second, Py_ssize_t gap,
-                          BreakLimits *limits) noexcept nogil:
+cdef bint is_break(double complex first, double complex second, Py_ssize_t gap, BreakLimits *limits) noexcept nogil:
     """Return whether two points, `gap` beams apart, lie on different surfaces (Eq. 5)."""
     return (gap > limits.max_gap or distance(second, first)
             >= limits.factor * gap * min(modulus(second), modulus(first)) + limits.margin)
 
 
-def estimate_normals(sequence, const double[::1] noise, parameters):
+cdef int sum_moments(const double complex[::1] points, double[:, ::1] total) except -1 nogil:
+    """Write the sums ``(5, P + 1)`` of x, y, xx, xy, yy before each point, as `line_fit.summed_moments`."""
+    cdef Py_ssize_t k
+    cdef double x, y
+    total[:, 0] = 0.0
+    for k in range(points.shape[0]):
+        x, y = points[k].real, points[k].imag
+        total[0, k + 1], total[1, k + 1] = total[0, k] + x, total[1, k] + y
+        total[2, k + 1], total[3, k + 1] = total[2, k] + x * x, total[3, k] + x * y
+        total[4, k + 1] = total[4, k] + y * y
+    return 0
+
+
+def estimate_normals(const double complex[::1] points, const unsigned char[::1] breaks, double increment,
+                     const double[::1] noise, parameters):
     """Estimate unit normals from the neighbours of each point on its surface.
 
     Normals face the sensor; their side follows from the order of the beams. A point with fewer than three neighbours on
@@ -99,7 +86,12 @@ def estimate_normals(sequence, const double[::1] noise, parameters):
 
     Parameters
     ----------
-    sequence : PointSequence
+    points : (P,) complex
+        Returns in beam order [m].
+    breaks : (P - 1,) bool
+        Result of `find_breaks`.
+    increment : float
+        Step from one beam to the next [rad].
     noise : (P,) float
         Standard deviation of each range [m].
     parameters : SegmentParameters
@@ -109,13 +101,19 @@ def estimate_normals(sequence, const double[::1] noise, parameters):
     (P,) complex
         0 for points without a normal.
     """
-    cdef const double complex[::1] points = sequence.points
-    cdef const double[:, ::1] moments = sequence.moments
-    cdef const unsigned char[::1] breaks = sequence.breaks
-    cdef Py_ssize_t size = points.shape[0], beams = parameters.normal_beams, k, low, high, first = 0, end = 0
-    cdef double least = parameters.normal_reach, factor = parameters.normal_noise, increment = sequence.increment, reach
-    found = np.zeros(size, complex)
-    cdef double complex[::1] normals = found
+    cdef double[:, ::1] moments = np.empty((5, points.shape[0] + 1))
+    normals = np.empty(points.shape[0], complex)
+    sum_moments(points, moments)
+    fit_normals(points, breaks, moments, noise, increment, parameters, normals)
+    return normals
+
+
+cdef int fit_normals(const double complex[::1] points, const unsigned char[::1] breaks, const double[:, ::1] moments,
+                     const double[::1] noise, double increment, parameters, double complex[::1] normals) except -1:
+    """Write the normal of each point, as `estimate_normals`."""
+    cdef Py_ssize_t size = points.shape[0], beams = parameters.normal_beams, k, first = 0, end = 0, low = 0, high = 0
+    cdef Py_ssize_t begin, stop
+    cdef double least = parameters.normal_reach, factor = parameters.normal_noise, reach
     cdef double[::1] path = np.zeros(size)
     cdef Line line
     if moments.shape[0] != 5 or moments.shape[1] != size + 1:
@@ -128,17 +126,37 @@ def estimate_normals(sequence, const double[::1] noise, parameters):
                 while end < size and not breaks[end - 1]:
                     end += 1
             reach = max(least, factor * noise[k])
-            low = max(min(bisect_left(path, size, path[k] - reach), k - beams), first)
-            high = min(max(bisect_right(path, size, path[k] + reach), k + beams + 1), end)
-            if high - low < MIN_NEIGHBOURS:
+            low = first_not_below(path, low, path[k] - reach)
+            high = first_above(path, high, path[k] + reach)
+            begin, stop = max(min(low, k - beams), first), min(max(high, k + beams + 1), end)
+            normals[k] = 0.0
+            if stop - begin < MIN_NEIGHBOURS:
                 continue
-            line = fit_range(moments, low, high)
+            line = fit_range(moments, begin, stop)
             if line.residual > MAX_RESIDUAL * line.spread:
                 continue
             normals[k] = -line.s + 1j * line.c
-            if cross(points[high - 1] - points[low], normals[k]) * increment < 0.0:
+            if cross(points[stop - 1] - points[begin], normals[k]) * increment < 0.0:
                 normals[k] = line.s - 1j * line.c
-    return found
+    return 0
+
+
+cdef inline Py_ssize_t first_not_below(const double[::1] path, Py_ssize_t near, double limit) except -1 nogil:
+    """Return the number of ascending values below a limit, which is about `near`."""
+    while near < path.shape[0] and path[near] < limit:
+        near += 1
+    while near > 0 and path[near - 1] >= limit:
+        near -= 1
+    return near
+
+
+cdef inline Py_ssize_t first_above(const double[::1] path, Py_ssize_t near, double limit) except -1 nogil:
+    """Return the number of ascending values up to a limit, which is about `near`."""
+    while near < path.shape[0] and path[near] <= limit:
+        near += 1
+    while near > 0 and path[near - 1] > limit:
+        near -= 1
+    return near
 
 
 cdef int measure_path(const double complex[::1] points, const unsigned char[::1] breaks,

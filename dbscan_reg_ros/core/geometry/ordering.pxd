@@ -96,18 +96,6 @@ cdef inline Py_ssize_t first_largest(const double[::1] values) except -1 nogil:
     return 0
 
 
-cdef inline Py_ssize_t bisect_left(const double[::1] values, Py_ssize_t size, double value) except -1 nogil:
-    """Return the number of ascending values below `value`."""
-    cdef Py_ssize_t low = 0, high = size, middle
-    while low < high:
-        middle = (low + high) // 2
-        if values[middle] < value:
-            low = middle + 1
-        else:
-            high = middle
-    return low
-
-
 cdef inline Py_ssize_t bisect_right(const double[::1] values, Py_ssize_t size, double value) except -1 nogil:
     """Return the number of ascending values up to `value`."""
     cdef Py_ssize_t low = 0, high = size, middle

@@ -4,6 +4,13 @@
 from libc.math cimport M_PI, atan2, copysign, fabs, floor, fmod, rint, sqrt
 
 
+cdef inline double complex vector(double x, double y) noexcept nogil:
+    """Return a vector; ``x + 1j * y`` would lose the sign of zeros."""
+    cdef double complex a
+    a.real, a.imag = x, y
+    return a
+
+
 cdef inline double cross(double complex a, double complex b) noexcept nogil:
     """Return the cross product of two vectors."""
     return a.real * b.imag - a.imag * b.real

@@ -8,7 +8,7 @@ from .lookup import confirm
 
 from libc.math cimport INFINITY, cos, sin, sqrt
 
-from ..features.points cimport given_or_ones
+from ..features.oriented_points cimport given_or_ones
 from ..geometry.plane cimport bin_of, distance, length_of, modulus
 
 cdef double TINY = tolerance.TINY

@@ -112,7 +112,7 @@ class KeyFrameWindow:
         if latest not in self._local_maps:
             others = [frame for frame in self.frames if frame is not latest and frame.constrained]
             points = others and older_map_points(others, latest, latest.features.density)
-            self._local_maps[latest] = replace(latest.features, map_points=points) if points else latest.features
+            self._local_maps[latest] = latest.features.with_map_points(points) if points else latest.features
         return self._local_maps[latest]
 
     def of_rank(self, rank: int) -> 'KeyFrameWindow | None':

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..features.points import high_leverage
+from ..features.oriented_points import high_leverage
 from ..geometry import tolerance
 from ..geometry.se2 import SE2
 from .correspondences import Correspondences, PosePrior

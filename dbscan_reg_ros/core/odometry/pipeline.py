@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from ..errors import ScanError
 from ..features.extraction import extract_from_returns
-from ..features.poles import with_poles
 from ..features.records import Features
-from ..features.returns import admitted_returns
+from ..features.returns import Returns
 from ..geometry.se2 import SE2
 from ..parameters.features import ScanParameters
 from ..parameters.tree import Parameters
@@ -231,12 +230,11 @@ class Odometry:
         p, own = self._with_limits(sensor.limits), self._state.sensors[sensor.name]
         if twist is not None:
             scan = deskew(scan, twist)
-        returns = admitted_returns(scan, p.scan)
+        returns = Returns(scan, p.scan)
         noise = own.noise if again else own.noise.after(returns.noise_ratio)
-        features = extract_from_returns(returns, p, noise.value)
+        features = extract_from_returns(returns, p, noise.value, p.odometry.pole_size)
         own.noise = noise
-        size = p.odometry.pole_size
-        return with_poles(features, size, p.segments) if size else features
+        return features
 
     def _learn_timing(self, result: OdometryUpdate, sent: Scan) -> OdometryUpdate:
         """Learn from a key frame, a scan as `sent`, when its beams are measured; report and apply what was found."""

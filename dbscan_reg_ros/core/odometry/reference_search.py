@@ -98,7 +98,7 @@ class ReferenceSearch:
         """Register to the previous scan, with or without pole features."""
         frame = self._previous_scan()
         reference, current = (
-            features if with_poles else dataclasses.replace(features, poles=None, weights=None, map_points=None)
+            features if with_poles else features.without_poles()
             for features in (frame.features, self._features))
         registration = demoted_if_poor(register(reference, current, self._search_parameters), self._parameters.decision)
         pose = frame.pose @ registration.transform

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..features.noise import range_noise
 from ..features.records import Segments
-from ..features.returns import admitted_returns
+from ..features.returns import Returns
 from ..geometry.array_types import BoolArray, FloatArray, IntArray
 from ..geometry.se2 import DOF, SE2, as_complex, wrap_period
 from ..geometry.ties import order_up_to_rounding
@@ -57,7 +57,7 @@ class ScanLines:
     @classmethod
     def of(cls, scan: Scan) -> 'ScanLines':
         """Filter a scan and fit its lines (sections 2.1 and 2.2); ScanError if it has too few returns."""
-        returns = admitted_returns(scan, ScanParameters())
+        returns = Returns(scan, ScanParameters())
         filtered, outcome = ring_band_filter(returns.points)
         beams = np.flatnonzero(np.isfinite(filtered[:, 0]))
         points = as_complex(filtered[beams])

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """The registration of one scan onto another (Figure 13)."""
-import dataclasses
-
 import numpy as np
 
 from ..errors import ScanError
@@ -80,7 +78,7 @@ def with_common_noise(reference: Features, current: Features) -> Features:
     """
     if current.oriented_points.inverse_noise is None or reference.noise_ratio:
         return current
-    return dataclasses.replace(current, noise_ratio=0.0)
+    return current.with_noise_ratio(0.0)
 
 
 def search_near(problem: Problem, prior: Prior, min_score: float = -np.inf) -> Registration:

@@ -8,7 +8,7 @@ from .residuals import Fit
 
 from libc.math cimport exp, sqrt
 
-from ..features.points cimport given_or_ones
+from ..features.oriented_points cimport given_or_ones
 from ..geometry.plane cimport length_of
 from .views cimport Lines, PointViews, lines_of, views_of
 

@@ -4,7 +4,7 @@
 import numpy as np
 
 from ..features.free_space import in_front
-from ..features.points import sample
+from ..features.oriented_points import sample
 from ..geometry import tolerance
 from ..geometry.ties import order_up_to_rounding
 from .hypotheses import Ranking

@@ -5,7 +5,7 @@ import numpy as np
 
 from libc.math cimport cos, sin
 
-from ..features.points cimport given_or_ones
+from ..features.oriented_points cimport given_or_ones
 
 
 cdef Grid grid_of(field) except *:

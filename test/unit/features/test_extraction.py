@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is kept of a scan: noise and normals."""
+import copy
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -9,10 +11,9 @@ from rooms import DEGREE, FULL, L_ROOM, look, outline
 from dbscan_reg_ros import Parameters, Scan, ScanError, ScanGeometry
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.noise import estimate_noise
-from dbscan_reg_ros.core.features.oriented_points import PointSequence
-from dbscan_reg_ros.core.features.returns import admitted_returns
+from dbscan_reg_ros.core.features.poles import with_poles
+from dbscan_reg_ros.core.features.returns import Returns
 from dbscan_reg_ros.core.features.surfaces import estimate_normals, find_breaks
-from dbscan_reg_ros.core.geometry.line_fit import summed_moments
 from dbscan_reg_ros.core.geometry.se2 import as_complex, as_vectors
 from dbscan_reg_ros.core.parameters.features import ScanParameters, SegmentParameters
 
@@ -22,9 +23,8 @@ PLAIN = Parameters().replace({'advanced.filter.test': 'off'})
 def normals_of(points, breaks=None, increment=DEGREE, **changes):
     points = np.asarray(points, dtype=float)
     breaks = np.zeros(len(points) - 1, dtype=bool) if breaks is None else np.asarray(breaks)
-    places = as_complex(points)
-    sequence = PointSequence(places, np.abs(places), np.arange(len(places)), summed_moments(places), breaks, increment)
-    return as_vectors(estimate_normals(sequence, np.zeros(len(places)), SegmentParameters(**changes)))
+    return as_vectors(estimate_normals(as_complex(points), breaks, increment, np.zeros(len(points)),
+                                       SegmentParameters(**changes)))
 
 
 @pytest.mark.parametrize('sign', [1.0, -1.0])
@@ -124,8 +124,26 @@ def test_the_breaks_that_features_keep_are_those_of_their_points():
 
 def test_returns_know_noise_and_ratio_of_the_admitted_ranges_only():
     ranges = np.where(np.arange(360) < 100, 9.0, 2.0)
-    returns = admitted_returns(Scan(0, ranges, FULL), ScanParameters(range_max=5.0))
+    returns = Returns(Scan(0, ranges, FULL), ScanParameters(range_max=5.0))
     assert np.count_nonzero(returns.valid) == 260 and not returns.valid[:100].any()
     assert returns.noise == pytest.approx(0.004) and returns.noise_ratio == 0.0
     with pytest.raises(ScanError, match=r'260 of 360 beams have a return; advanced\.scan\.min_returns asks for 300'):
-        admitted_returns(Scan(0, ranges, FULL), ScanParameters(range_max=5.0, min_returns=300))
+        Returns(Scan(0, ranges, FULL), ScanParameters(range_max=5.0, min_returns=300))
+
+
+def test_features_can_be_copied_at_any_moment_and_not_be_changed():
+    features = with_poles(extract_features(look(outline(L_ROOM), geometry=FULL, noise=0.01)), 0.3, PLAIN.segments)
+    weighted = features.downweighted(np.arange(20), 0.5)
+    for each in (features, weighted, weighted.without(np.arange(len(weighted.oriented_points)) % 3 == 0)):
+        for _ in range(2):  # before and after its points and tables were made
+            for copied in (copy.copy(each), copy.deepcopy(each), pickle.loads(pickle.dumps(each))):
+                assert repr(copied) == repr(each) and copied.isolated == each.isolated
+                assert np.array_equal(copied.oriented_points.points, each.oriented_points.points)
+                assert np.array_equal(copied.leverage, each.leverage)
+                assert np.array_equal(copied.segments.fixed_ends, each.segments.fixed_ends)
+            assert len(each.likelihood_field.offsets) > len(each.free_space.near) / 4
+    for array in (features.points, features.normals, features.beams, features.breaks, weighted.weights):
+        with pytest.raises(ValueError, match='read-only'):
+            array[0] = 0
+    with pytest.raises(AttributeError):
+        features.noise = 0.0

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
-from dbscan_reg_ros.core.features.points import build_oriented_points, high_leverage, leverage, sample
+from dbscan_reg_ros.core.features.oriented_points import OrientedPoints, high_leverage, leverage, sample
 
 
 def drawn(count, seed=0):
@@ -14,12 +13,6 @@ def drawn(count, seed=0):
     rng = np.random.default_rng(seed)
     return OrientedPoints(rng.uniform(-2.0, 4.0, count) + 1j * rng.uniform(-3.0, 1.0, count),
                  np.exp(1j * rng.uniform(-math.pi, math.pi, count)), np.arange(count))
-
-
-def test_points_without_a_normal_are_left_out():
-    cloud = build_oriented_points(np.array([(1.0, 2.0), (3.0, 4.0)]), np.array([(0.0, 0.0), (0.0, 1.0)]),
-                                  np.array([4, 6]))
-    assert cloud.points.tolist() == [3.0 + 4.0j] and cloud.normals.tolist() == [1.0j] and cloud.beams.tolist() == [6]
 
 
 @pytest.mark.parametrize('count, kept', [(10, range(10)), (9, range(0, 10, 2)), (5, range(0, 10, 2)),

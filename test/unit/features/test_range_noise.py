@@ -94,7 +94,7 @@ def test_noise_that_one_of_two_scans_shows_is_chance():
     one, other = (extract_features(look(outline(L_ROOM), SE2(0.05 * k), FULL, 0.01, k)) for k in range(2))
 
     def found(before, after):
-        return register(dataclasses.replace(one, noise_ratio=before), dataclasses.replace(other, noise_ratio=after))
+        return register(one.with_noise_ratio(before), other.with_noise_ratio(after))
 
     np.testing.assert_array_equal(found(0.0, 0.05).covariance, found(0.0, 0.0).covariance)
     assert found(0.05, 0.05).weakest_information < 0.9 * found(0.0, 0.0).weakest_information
@@ -121,9 +121,9 @@ def test_errors_of_noisy_points_count_in_units_of_their_noise():
     cloud, surface, density = features.sampled_points, features.likelihood_field, DensityParameters()
     rng = np.random.default_rng(0)
     inverse_noise = np.where(cloud.points.real > 0.0, 1.0 / 3.0, 1.0)
-    noisy = dataclasses.replace(cloud, points=cloud.points + rng.normal(0.0, 0.005, len(cloud)),
-                                inverse_noise=inverse_noise)
-    plain = dataclasses.replace(noisy, inverse_noise=None)
+    points = cloud.points + rng.normal(0.0, 0.005, len(cloud))
+    noisy, plain = (OrientedPoints(points, cloud.normals, cloud.beams, cloud.weights, noise)
+                    for noise in (inverse_noise, None))
     still = np.zeros((1, 3))
     sharp, blunt = (fit(still, each, surface, density.min_normal_cosine) for each in (noisy, plain))
     assert sharp.rows() == pytest.approx(blunt.rows() * inverse_noise, abs=1e-12)
@@ -141,7 +141,7 @@ def test_selected_points_keep_their_inverse_noise():
                            np.array((1.0, 0.5, 0.25, 0.2)))
     assert cloud.select([2, 0]).inverse_noise.tolist() == [0.25, 1.0]
     assert cloud.tolerance(0.1).tolist() == pytest.approx([0.1, 0.2, 0.4, 0.5])
-    assert dataclasses.replace(cloud, inverse_noise=None).tolerance(0.1) == 0.1
+    assert OrientedPoints(cloud.points, cloud.normals, cloud.beams).tolerance(0.1) == 0.1
     assert build_likelihood_field(cloud, DensityParameters()).offsets[:4] == pytest.approx([0.0, 1.0, 2.0,
                                                                                             3.0]), 'where they lie'
 
@@ -149,7 +149,7 @@ def test_selected_points_keep_their_inverse_noise():
 def test_only_points_noisier_than_usual_have_a_lower_inverse_noise():
     features = extract_features(look(outline(L_ROOM), geometry=FULL, noise=0.02))
     assert features.oriented_points.inverse_noise is None
-    noisy = dataclasses.replace(features, noise_ratio=0.02).oriented_points
+    noisy = features.with_noise_ratio(0.02).oriented_points
     far = np.abs(noisy.points) > 2.5
     assert 0.1 < far.mean() < 0.9
     assert (noisy.inverse_noise[~far] == 1.0).all()

@@ -10,8 +10,7 @@ from rooms import look
 
 from dbscan_reg_ros import SE2, Parameters
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
-from dbscan_reg_ros.core.features.points import high_leverage
+from dbscan_reg_ros.core.features.oriented_points import OrientedPoints, high_leverage
 from dbscan_reg_ros.core.mapping.correspondences import PosePrior
 from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
@@ -83,7 +82,7 @@ def test_points_are_distributed_over_key_frames_when_there_are_many():
     others = (~high_leverage(cloud.normals)).nonzero()[0]
     cloud = cloud.select(np.delete(np.arange(len(cloud)), others[len(others) // 3 * 3:]))
     rare, size = high_leverage(cloud.normals), len(cloud)
-    cloud = dataclasses.replace(cloud, beams=(~rare).cumsum())
+    cloud = OrientedPoints(cloud.points, cloud.normals, (~rare).cumsum())
     assert rare.any() and np.count_nonzero(~rare) % 3 == 0
     near, views = END @ SE2(0.03, -0.02, 0.015), window(*[START] * 9)
     whole, dealt = (look_up_correspondences(views, near, cloud, dataclasses.replace(DENSITY, max_points=points))

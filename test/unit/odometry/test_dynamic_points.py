@@ -11,6 +11,7 @@ from scipy.linalg import eigh
 from dbscan_reg_ros import SE2, Odometry, Parameters
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
+from dbscan_reg_ros.core.features.records import Features
 from dbscan_reg_ros.core.geometry.se2 import as_vectors
 from dbscan_reg_ros.core.mapping.dynamic_points import (
     beside,
@@ -193,7 +194,8 @@ def test_downweighted_points_have_little_influence():
     points = np.column_stack((np.linspace(-2.0, 2.0, 90), np.full(90, 2.0)))
     moved = points + np.where(np.arange(90) % 3 > 0, 0.1, 0.0)[:, None] * (0.0, 1.0)
     normals = np.tile((0.0, -1.0), (90, 1))
-    reference, current = (dataclasses.replace(wall, points=each, beams=np.arange(90), normals=normals)
+    reference, current = (Features(wall.scan, each, np.arange(90), np.zeros(89, dtype=bool), normals.copy(),
+                                   wall.segments, wall.noise, wall.density, wall.noise_ratio)
                           for each in (points, moved))
     def shift(features):
         found, _ = refine(np.zeros((1, 3)), Alignment(features.sampled_points, reference.likelihood_field, 0.5, 0.003),

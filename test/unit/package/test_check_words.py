@@ -34,7 +34,7 @@ def test_the_project_passes(root):
 
 
 @pytest.mark.parametrize(('text', 'found'), [
-    ('x = build_cloud(points)\n', ['build_cloud -> build_oriented_points']),
+    ('x = build_cloud(points)\n', ['build_cloud -> OrientedPoints']),
     ('x = parameters.segments.most\n', ['segments.most -> segments.max_segments']),
     ('from dbscan_reg_ros.core.placement import x\n',
      ['dbscan_reg_ros.core.placement -> the path of today (doc/architecture.md)']),

@@ -91,7 +91,8 @@ def test_messages_on_failing_scanners_are_those_of_the_node(root):
     cells = [line.split(' | ')[2] for line in section.splitlines() if line.startswith('| ')][1:]
     quoted = [part for cell in cells for message in re.findall(r'`([^`]*)`', cell) if ' ' in message
               for part in re.split(r'\.\.\.|[:;] |/\w+/?\w* ?|\d+(?:\.\d+)?| behind ', message) if part.strip()]
-    source = '\n'.join(text for path in (root / 'dbscan_reg_ros').rglob('*.py') for text in texts(path))
+    source = '\n'.join([*(text for path in (root / 'dbscan_reg_ros').rglob('*.py') for text in texts(path)),
+                        *(path.read_text() for path in (root / 'dbscan_reg_ros').rglob('*.pyx'))])
     assert len(quoted) >= 8 and [part for part in quoted if part.strip() not in source] == []
 
 

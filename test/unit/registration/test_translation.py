@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Translation: pairs of line equations (Eq. 10-15)."""
-import dataclasses
 import math
 
 import numpy as np
@@ -90,8 +89,7 @@ def test_between_parallel_walls_the_shortest_translation_leads_across_them_only(
 
 def test_where_lines_cross_the_shortest_translation_is_the_motion_and_one_wrong_pair_does_not_count():
     elsewhere = walls([(4.0, 4.0), (5.0, 4.0)])
-    one, two = (Segments(**{f.name: np.concatenate((getattr(room, f.name), getattr(extra, f.name)))
-                            for f in dataclasses.fields(Segments)})
+    one, two = (Segments(*(np.concatenate(parts) for parts in zip(room.__reduce__()[1], extra.__reduce__()[1])))
                 for room, extra in ((ROOM, elsewhere), (moved(ROOM, MOTION), moved(elsewhere, MOTION @ SE2(0.0, 0.8)))))
     found = translations(one, two, TranslationParameters(), max_hypotheses=3)
     assert found.shortest.shape == (2, 3)

@@ -13,7 +13,7 @@ from . import model as confidence_model
 
 from libc.math cimport INFINITY, M_PI, cos, exp, fabs, log, log1p, sin, sqrt
 
-from ...features.points cimport given_or_ones
+from ...features.oriented_points cimport given_or_ones
 from ...geometry.plane cimport bin_of, cross, dot, length_of, modulus, rotated, wrap
 from ...geometry.symmetric cimport Factors, factors, squared_distance
 from ..views cimport SegmentViews, views_of_segments

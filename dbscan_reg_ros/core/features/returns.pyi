@@ -1,0 +1,17 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Returns of a scan that the parameters admit, with their noise."""
+from ..geometry.array_types import BoolArray, FloatArray
+from ..parameters.features import ScanParameters
+from ..scan import Scan
+
+class Returns:
+    scan: Scan
+    noise: float
+
+    def __init__(self, scan: Scan, limits: ScanParameters) -> None: ...
+    @property
+    def points(self) -> FloatArray: ...
+    @property
+    def valid(self) -> BoolArray: ...
+    @property
+    def noise_ratio(self) -> float: ...
