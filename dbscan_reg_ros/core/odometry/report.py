@@ -59,8 +59,9 @@ def report_waiting(state: TrackState, features: Features, sensor: Sensor, repeat
 
 def _of_twist(state: TrackState) -> NDArray[np.float64]:
     """Return the covariance ``(3, 3)`` of the twist; what is added to an unknown one stays within 1 m/s and 1 rad/s."""
-    covariance, added = state.covariance.twist, state.motion.variance
-    share = min(max(1.0 - np.linalg.eigvalsh(covariance)[-1], 0.0) / max(added.max(), TINY), 1.0)
+    covariance, added, share = state.covariance.twist, state.motion.variance, 1.0
+    if covariance.trace() + added.max() > 1.0:
+        share = min(max(1.0 - np.linalg.eigvalsh(covariance)[-1], 0.0) / max(added.max(), TINY), 1.0)
     result: NDArray[np.float64] = covariance + diagonal(*(share * added)) + _LEAST
     return result
 

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Intervals between scans, from stamps that jitter, repeat and jump."""
 import math
+from bisect import bisect_left, insort
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from statistics import median
@@ -107,6 +109,8 @@ class StampFilter:
         self._last: int | None = None
         self.duration = 0.0
         self._recent: deque[float] = deque(maxlen=_MEDIAN_SIZE)
+        # The recent intervals in ascending order, without those of stamps that repeat or go back.
+        self._positive: list[float] = []
         self._between: deque[float] = deque(maxlen=_MEDIAN_SIZE)
         # By the stamps, and by regular intervals: time since `judge`, velocities, and their squared changes.
         self._middle: SE2 | None = None
@@ -144,20 +148,30 @@ class StampFilter:
         if last is None:
             return ScanInterval(0.0, 0.0, middle_offset)
         elapsed = seconds(stamp - last)
-        usual = median(self._between) if self._between else parameters.max_jump
+        before = self._between.copy() if jumps else self._between
         self._between.append(elapsed)
         if jumps:
+            usual = median(before) if before else parameters.max_jump
             jump = Jump.FORWARD if elapsed > 0.0 else Jump.BACKWARD
             reason = f'no scan for {elapsed:.3f} s' if jump is Jump.FORWARD else f'stamps went back by {-elapsed:.3f} s'
             missing = elapsed > _GAP_RATIO * usual
             return ScanInterval(self.typical, max(elapsed, 0.0), middle_offset, jump, reason, missing)
-        self._recent.append(elapsed)
+        self._add(elapsed)
         regular = self._regular(elapsed, scan_duration)
         self._since_judged += elapsed, regular
         steady = (min(self._recent) > max(self.typical / _GAP_RATIO, _OVERLAP_RATIO * scan_duration)
                   or (elapsed > 0.0 and self._changes[0] < self._changes[1]))
         length, sigma = elapsed if steady else regular, abs(elapsed - regular) * self._doubt
         return ScanInterval(length, max(elapsed, 0.0), middle_offset, steady=steady, sigma=sigma)
+
+    def _add(self, elapsed: float) -> None:
+        """Add an interval [s] to the recent ones, in place of the oldest."""
+        oldest = self._recent[0] if len(self._recent) == _MEDIAN_SIZE else 0.0
+        if oldest > _MIN_INTERVAL:
+            del self._positive[bisect_left(self._positive, oldest)]
+        self._recent.append(elapsed)
+        if elapsed > _MIN_INTERVAL:
+            insort(self._positive, elapsed)
 
     def judge(self, middle: SE2) -> None:
         """Compare the velocities by the stamps with those by regular intervals, at the `middle` of a found scan.
@@ -187,11 +201,11 @@ class StampFilter:
 
     def _rounded(self, elapsed: float, scan_duration: float) -> float:
         """Round `elapsed` [s] to a whole multiple (at least 1) of the median interval between successive scans."""
-        recent = self._positive()
+        recent = self._positive
         if not recent:
             return 0.0
         limit = 2.0 * max(recent[len(recent) // 4], scan_duration)
-        typical = median(each for each in recent if each < limit)
+        typical = _median(recent, bisect_left(recent, limit))
         return typical * max(round(elapsed / typical), 1)
 
     def jumps(self, stamp: int, parameters: TimeParameters) -> bool:
@@ -208,20 +222,20 @@ class StampFilter:
     @property
     def typical(self) -> float:
         """The median interval [s]; 0 while none is known."""
-        recent = self._positive()
-        middle = len(recent) // 2
-        if len(recent) % 2 or not recent:
-            return recent[middle] if recent else 0.0
-        return (recent[middle - 1] + recent[middle]) / 2
-
-    def _positive(self) -> list[float]:
-        """Return the recent intervals [s] in ascending order, without those of stamps that repeat or go back."""
-        return sorted(elapsed for elapsed in self._recent if elapsed > _MIN_INTERVAL)
+        return _median(self._positive, len(self._positive))
 
 
 def middle_offset(scan: Scan, features: Features, ratio: float) -> float:
     """Return the time [s] from the stamp to the middle of the returns, with the scan's duration times `ratio`."""
     return ratio * scan.time_increment * float(features.beams.mean())
+
+
+def _median(ascending: Sequence[float], count: int) -> float:
+    """Return the median of the first `count` of numbers in ascending order; 0 if there are none."""
+    middle = count // 2
+    if count % 2 or not count:
+        return ascending[middle] if count else 0.0
+    return (ascending[middle - 1] + ascending[middle]) / 2
 
 
 def seconds(nanoseconds: int) -> float:
