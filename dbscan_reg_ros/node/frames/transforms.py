@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Listener to /tf and /tf_static."""
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -21,6 +22,8 @@ from .transform_store import make_store
 STATIC_DEPTH = 100
 MOVING_DEPTH = 1000
 """Largest number of messages on /tf that wait to be polled."""
+COUNT_PERIOD = 0.2
+"""Interval [s] at which the publishers on /tf are counted."""
 
 
 class TransformListener:
@@ -54,6 +57,7 @@ class TransformListener:
         self._moving = self._subscription() if store else None
         self._static: Subscription | None = None
         self._static_publishers: set[bytes] = set()
+        self._next_count, self._others = 0.0, False
         self.subscribe_static()
         sender.subscribe_static = self.subscribe_static
 
@@ -103,12 +107,20 @@ class TransformListener:
                 self._on_moving(message)
         if self._store:
             return
-        useful = self._sender.gives_way or (self._sender.is_sending and self._node.count_publishers(self._topic) > 1)
+        useful = self._sender.gives_way or (self._sender.is_sending and self._has_other_publisher())
         if useful and not self._moving:
             self._moving = self._subscription()
         elif self._moving and not useful:
             self._node.destroy_subscription(self._moving)
             self._moving = None
+
+    def _has_other_publisher(self) -> bool:
+        """Whether others publish on /tf, too; counted `COUNT_PERIOD` apart."""
+        now = time.monotonic()
+        if now >= self._next_count:
+            self._next_count = now + COUNT_PERIOD
+            self._others = self._node.count_publishers(self._topic) > 1
+        return self._others
 
     def _on_moving(self, message: Any) -> None:
         self._receive(message, '/tf')
