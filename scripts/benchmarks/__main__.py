@@ -169,6 +169,14 @@ def add_ablation(command):
     add_processes(command)
 
 
+def add_speed(command):
+    """Add the options of ``bench speed``."""
+    command.add_argument('--against', metavar='COMMIT',
+                         help='instead: time of a scan in the odometry, this source tree and COMMIT in turns')
+    command.add_argument('--calls', action='store_true',
+                         help='instead: functions, calls and objects of a tracked scan in the odometry')
+
+
 def add_fingerprint(command):
     """Add the options of ``bench fingerprint``."""
     command.add_argument('--against', metavar='COMMIT', required=True,
@@ -185,7 +193,8 @@ def add_fingerprint(command):
                          'in this folder (default: results/fingerprint)')
 
 
-ADDED = {'overlap': add_overlap, 'sensors': add_sensors, 'ablation': add_ablation, 'fingerprint': add_fingerprint,
+ADDED = {'speed': add_speed, 'overlap': add_overlap, 'sensors': add_sensors, 'ablation': add_ablation,
+         'fingerprint': add_fingerprint,
          'heights': add_processes, 'lidars': add_lidars}
 """Benchmark -> what adds its options."""
 

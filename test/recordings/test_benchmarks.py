@@ -13,7 +13,7 @@ from benchmarks import __main__ as bench
 from benchmarks.__main__ import main
 from benchmarks.bounds import Bound, at_least, at_most
 from benchmarks.lidars import several, silent, wrong
-from benchmarks.odometry import courses, drift
+from benchmarks.odometry import cost, courses, drift
 from benchmarks.odometry.course import Course
 from benchmarks.odometry.drift import drive
 from benchmarks.registration import pairs, relations, speed, synthetic
@@ -36,7 +36,7 @@ from dbscan_reg_ros.simulation import Lidar, Path, follow, rooms, simulate
 
 def arguments(data, **changes):
     values = {'data': str(data), 'method': None, 'limit': None, 'verbose': False, 'course': None, 'prior': 'none',
-              'poses': None, 'benchmark': 'test', 'copies': None, 'processes': None}
+              'poses': None, 'benchmark': 'test', 'copies': None, 'processes': None, 'against': None, 'calls': False}
     return SimpleNamespace(**(values | changes))
 
 
@@ -179,6 +179,13 @@ def test_speed_beside_gicp_is_a_ratio(data):
     assert set(rows) == set(speed.METHODS)
     assert rows['dbscan']['ratio_gicp'] == rows['dbscan']['ms_p50'] / rows['small_gicp']['ms_p50']
     assert rows['small_gicp']['ratio_gicp'] == 1.0
+
+
+def test_calls_of_a_tracked_scan_are_counted(data, monkeypatch):
+    monkeypatch.setattr(cost, 'FIRST', 3)
+    monkeypatch.setattr(cost, 'LAST', 5)
+    row = speed.measure(arguments(data, calls=True)).metrics['dbscan']
+    assert 0 < row['objects_count'] < row['functions_count'] <= row['calls_count']
 
 
 def test_fine_scans_have_1141_beams_and_are_moved_by_a_known_motion(data):

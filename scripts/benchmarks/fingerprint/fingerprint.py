@@ -105,7 +105,7 @@ def built(commit, cache) -> Path:
 def compile_steps(tree):
     """Build the compiled steps of a source tree in place; BenchmarkError with what the compiler said last."""
     words = [sys.executable, 'setup.py', 'build_ext', '--inplace']
-    result = subprocess.run(words, cwd=tree, env=_environment(tree, beside=root() / 'build' / 'tools'),
+    result = subprocess.run(words, cwd=tree, env=environment(tree, beside=root() / 'build' / 'tools'),
                             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
     if result.returncode or not any((tree / PACKAGE).rglob('*.so')):
         raise BenchmarkError(f'{tree}: cannot be compiled: {"".join(result.stdout.strip().splitlines()[-1:])}')
@@ -133,7 +133,7 @@ def _made(group, folder, limit, target):
     complete = target / f'{group}.list'
     if not complete.exists():
         words = [sys.executable, '-c', _MAKE, __package__, group, os.fspath(folder), str(limit or 0), os.fspath(target)]
-        result = subprocess.run(words, env=_environment(root(), beside=Path(__file__).parents[2]),
+        result = subprocess.run(words, env=environment(root(), beside=Path(__file__).parents[2]),
                                 stderr=subprocess.PIPE, text=True, check=False)
         if result.returncode:
             raise BenchmarkError(f'{group}: the scans cannot be made: {result.stderr.strip().splitlines()[-1]}')
@@ -161,7 +161,7 @@ def make(group, folder, limit, target):
         part.replace(target / f'{group}.list')
 
 
-def _environment(tree, beside=None, **more):
+def environment(tree, beside=None, **more):
     """Variables of a process that finds the package in a tree and nowhere else; `beside`: more modules."""
     inherited = [folder for folder in os.environ.get('PYTHONPATH', '').split(os.pathsep)
                  if folder and not Path(folder, PACKAGE).exists()]
@@ -169,27 +169,17 @@ def _environment(tree, beside=None, **more):
     return os.environ | ONE_THREAD | {'PYTHONPATH': os.pathsep.join([*folders, *inherited])} | more
 
 
-def build(tree):
-    """Compile the package of a source tree in place; BenchmarkError with the last line of the compiler if it fails."""
-    words = [sys.executable, 'setup.py', 'build_ext', '--inplace']
-    result = subprocess.run(words, cwd=tree, env=_environment(tree), stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                            text=True, check=False)
-    built = result.returncode == 0 and any((tree / PACKAGE).rglob('*.so'))
-    if not built:
-        raise BenchmarkError(f'{tree}: cannot be compiled: {"".join(result.stdout.strip().splitlines()[-1:])}')
-
-
 class Recorder:
     """A process that records with the package of one source tree."""
 
     def __init__(self, tree, script, domain, log):
-        environment = _environment(tree, ROS_DOMAIN_ID=str(domain))
+        variables = environment(tree, ROS_DOMAIN_ID=str(domain))
         self._log = log
         with open(log, 'wb') as output:
             self._process = subprocess.Popen([sys.executable, os.fspath(script), os.fspath(tree)],
                                              stdin=subprocess.PIPE,
                                              stdout=subprocess.PIPE, stderr=output, text=True, cwd=tree,
-                                             env=environment)
+                                             env=variables)
 
     def record(self, source, target):
         """Write the results of the package for an input file to another file; BenchmarkError if it fails."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time of one scan's features and its registration: ours and GICP take turns on the same pairs."""
+"""Time of one scan's features and its registration, ours and GICP in turns on the same pairs; cost of the odometry."""
 import numpy as np
 
 from dbscan_reg_ros.evaluation.methods import method
@@ -7,6 +7,7 @@ from dbscan_reg_ros.recordings import open_recording
 
 from ..bounds import at_most
 from ..intel import Intel
+from ..odometry import cost
 from ..report import Report
 from ..trials import Trial, run, summarise, thinned
 from . import pairs, synthetic
@@ -31,8 +32,14 @@ def fine_trials(folder, limit=None, seed=0) -> list:
 
 
 def measure(args):
-    """Return a `Report`."""
-    intel = Intel.below(args.data)
+    """Return a `Report`; with ``--against`` or ``--calls`` on what a scan costs the odometry."""
+    intel, report = Intel.below(args.data), Report()
+    if args.against or args.calls:
+        if args.against:
+            cost.add_times(report, args.against, intel.folder)
+        if args.calls:
+            cost.add_calls(report, intel.folder)
+        return report
     methods = [method(name) for name in args.method or METHODS]
     coarse = run(methods, pairs.trials(intel, args.limit or PAIRS), '180 beams')
     fine = run(methods, fine_trials(intel.folder.parent, args.limit), '1141 beams')
@@ -44,6 +51,5 @@ def measure(args):
     for row in metrics.values():
         if 'small_gicp' in metrics:
             row['ratio_gicp'] = row['ms_p50'] / metrics['small_gicp']['ms_p50']
-    report = Report()
     report.add('speed', metrics, BOUNDS)
     return report
