@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of a registration."""
 from dataclasses import dataclass
+from functools import cached_property
 
+import numpy as np
+
+from ..geometry.array_types import FloatArray
 from ..geometry.tolerance import RESOLUTION
 from .schema import ParameterGroup, parameter
 
@@ -245,13 +249,15 @@ class RefinementParameters(ParameterGroup):
         help='Damping of an iteration as a fraction of the translational information. Larger values move less along '
              'degenerate directions and converge more slowly; smaller values move more.')
 
-    def coarse_scales(self) -> list[float]:
+    @cached_property
+    def coarse_scales(self) -> FloatArray:
         """Kernel scale [m] of each coarse iteration, from wide to narrow."""
-        return _geometric(self.coarse_scale, self.fine_scale, self.coarse_iterations)
+        return np.array(_geometric(self.coarse_scale, self.fine_scale, self.coarse_iterations))
 
-    def fine_scales(self) -> list[float]:
+    @cached_property
+    def fine_scales(self) -> FloatArray:
         """Kernel scale [m] of each fine iteration, from wide to narrow."""
-        return _geometric(self.fine_scale, self.final_scale, self.fine_iterations)
+        return np.array(_geometric(self.fine_scale, self.final_scale, self.fine_iterations))
 
     def window_scales(self, noise: float) -> list[float]:
         """Kernel scale [m] of each iteration against the key-frame window, for a range noise [m]."""

@@ -92,10 +92,6 @@ class Candidates(NamedTuple):
         """Number of hypotheses."""
         return len(self.exempt) + len(self.others)
 
-    def joined(self) -> FloatArray:
-        """Return all hypotheses, exempt ones first, ``(S + C, 3)``."""
-        return np.concatenate((self.exempt, self.others))
-
 
 class Ranking(NamedTuple):
     """The H refined hypotheses, best first.
@@ -105,11 +101,7 @@ class Ranking(NamedTuple):
     candidates : (H, 3) float
         x, y [m] and theta [rad].
     score, overlap : (H,) float
-        Results of `scoring.score`; penalties are subtracted from the score.
-    conflict : (H,) float
-        Weighted fraction of the current scan's points in free space of the reference.
-    equations : (H, 4, 4) float
-        The normal equations of the last iteration.
+        Results of `scoring.scores`; penalties are subtracted from the score.
     odds : (H,) float
         Log-odds from `rank_by_evidence`; 0 before it has run.
     best : Fit
@@ -119,15 +111,12 @@ class Ranking(NamedTuple):
     candidates: FloatArray
     score: FloatArray
     overlap: FloatArray
-    conflict: FloatArray
-    equations: FloatArray
     odds: FloatArray
     best: Fit
 
     def select(self, chosen: list[int] | IntArray) -> 'Ranking':
         """Return the hypotheses with the `chosen` indices; the first index must be that of the best hypothesis."""
-        return Ranking(self.candidates[chosen], self.score[chosen], self.overlap[chosen], self.conflict[chosen],
-                       self.equations[chosen], self.odds[chosen], self.best)
+        return Ranking(self.candidates[chosen], self.score[chosen], self.overlap[chosen], self.odds[chosen], self.best)
 
     def with_best(self, candidate: FloatArray, best: Fit) -> 'Ranking':
         """Return the ranking with another pose ``(3,)`` and fit of the best hypothesis."""

@@ -6,24 +6,14 @@ from libc.math cimport cos, sin
 from .views cimport Lines, PointViews, nearest
 
 
-cdef enum:
-    # Columns of a table of hypotheses: x [m], y [m], theta [rad]; score, overlap, conflict; normal equations by rows.
-    SCORE = 3
-    OVERLAP = 4
-    CONFLICT = 5
-    EQUATIONS = 6
-    COLUMNS = 22
-
-
 cdef struct Pose:
     # Position [m], cosine and sine of the heading.
     double x, y, c, s
 
 
-cdef inline int read_pose(const double[:, ::1] poses, Py_ssize_t h, Pose *pose) except -1 nogil:
-    """Read a row ``(x, y, theta)`` of `poses`."""
-    pose.x, pose.y, pose.c, pose.s = poses[h, 0], poses[h, 1], cos(poses[h, 2]), sin(poses[h, 2])
-    return 0
+cdef inline Pose pose_at(double x, double y, double theta) noexcept nogil:
+    """Return the pose at a position [m] with a heading [rad]."""
+    return Pose(x, y, cos(theta), sin(theta))
 
 
 cdef struct Match:
@@ -92,8 +82,27 @@ cdef inline void write_equations(Equations *s, double *table) noexcept nogil:
     table[12], table[13], table[14], table[15] = s.x, s.y, s.t, s.e
 
 
-cdef double[:, ::1] table_of(candidates)
-cdef int refine_poses(PointViews views, Lines field, double min_cosine, double damping, const double[::1] scales,
-                      double[:, ::1] poses) except -1
+cdef struct Hypothesis:
+    # Motion [m, m, rad]; score, overlap and conflict, as `write_scores` has them; equations of the last iteration.
+    double x, y, theta, score, overlap, conflict
+    Equations equations
+
+
+cdef class Hypotheses:
+    # As many `rows` as `size` says, and place for `most`; `spare` is as long, and so is each row of work.
+    cdef Hypothesis *block
+    cdef Hypothesis *rows
+    cdef Hypothesis *spare
+    cdef Py_ssize_t size, most
+    cdef double[:, ::1] number
+    cdef Py_ssize_t[:, ::1] index
+    cdef int reserve(self, Py_ssize_t most) except -1
+    cdef int add(self, const double[:, :] motions) except -1
+    cdef int select(self, const Py_ssize_t[::1] chosen, Py_ssize_t count) except -1 nogil
+    cdef motions(self)
+
+
+cdef int refine_hypotheses(PointViews views, Lines field, double min_cosine, double damping, const double[::1] scales,
+                           Hypotheses found) except -1 nogil
 cdef int add_points(PointViews views, Lines field, Pose *pose, double min_cosine, double scale,
                     Equations *sums) except -1 nogil

@@ -7,12 +7,15 @@ from ..geometry import tolerance
 from .residuals import Fit
 
 from libc.math cimport exp, sqrt
+from libc.stdlib cimport free, malloc
+from libc.string cimport memcpy
 
 from ..features.oriented_points cimport given_or_ones
 from ..geometry.plane cimport length_of
 from .views cimport Lines, PointViews, lines_of, views_of
 
 cdef double TINY = tolerance.TINY
+cdef Equations NO_POINTS = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def fit(candidates, points, field, double min_normal_cosine):
@@ -42,7 +45,7 @@ def fit(candidates, points, field, double min_normal_cosine):
     cdef double complex[:, ::1] normal = normals, turned = rotated, place = places
     with nogil:
         for h in range(poses.shape[0]):
-            read_pose(poses, h, &pose)
+            pose = pose_at(poses[h, 0], poses[h, 1], poses[h, 2])
             for k in range(views.size):
                 match_point(views, lines, k, &pose, min_normal_cosine, &found)
                 turned[h, k], place[h, k] = found.x + 1j * found.y, (found.x + pose.x) + 1j * (found.y + pose.y)
@@ -51,15 +54,59 @@ def fit(candidates, points, field, double min_normal_cosine):
     return Fit(errors, alikes, normals, rotated, places)
 
 
-cdef double[:, ::1] table_of(candidates):
-    """Return a table of hypotheses ``(H, 3)``, without scores."""
-    cdef const double[:, :] poses = candidates
-    cdef double[:, ::1] rows = np.zeros((poses.shape[0], COLUMNS))
-    cdef Py_ssize_t h, k
-    for h in range(poses.shape[0]):
-        for k in range(SCORE):
-            rows[h, k] = poses[h, k]
-    return rows
+cdef class Hypotheses:
+    """Hypotheses of a motion, and the work of sorting and choosing them."""
+
+    def __cinit__(self, exempt, others=()):
+        self.reserve(len(exempt) + len(others))
+        for motions in (exempt, others):
+            if len(motions):
+                self.add(motions)
+
+    def __dealloc__(self):
+        free(self.block)
+
+    cdef int reserve(self, Py_ssize_t most) except -1:
+        """Make place for at least this many hypotheses."""
+        cdef Hypothesis *block
+        if most <= self.most:
+            return 0
+        block = <Hypothesis *> malloc(2 * most * sizeof(Hypothesis))
+        if block == NULL:
+            raise MemoryError
+        memcpy(block, self.rows, self.size * sizeof(Hypothesis))
+        free(self.block)
+        self.block, self.rows, self.spare, self.most = block, block, block + most, most
+        self.number, self.index = np.empty((2, most)), np.empty((3, most), np.intp)
+        return 0
+
+    cdef int add(self, const double[:, :] motions) except -1:
+        """Append motions ``(H, 3)``, without scores."""
+        cdef Py_ssize_t h
+        self.reserve(self.size + motions.shape[0])
+        for h in range(motions.shape[0]):
+            self.rows[self.size + h] = Hypothesis(motions[h, 0], motions[h, 1], motions[h, 2], 0.0, 0.0, 0.0, NO_POINTS)
+        self.size += motions.shape[0]
+        return 0
+
+    cdef int select(self, const Py_ssize_t[::1] chosen, Py_ssize_t count) except -1 nogil:
+        """Keep the rows with the first `count` of the `chosen` indices, in their order."""
+        cdef Py_ssize_t h
+        for h in range(count):
+            if not 0 <= chosen[h] < self.size:
+                raise IndexError('a hypothesis that is none')
+            self.spare[h] = self.rows[chosen[h]]
+        self.rows, self.spare, self.size = self.spare, self.rows, count
+        return 0
+
+    cdef motions(self):
+        """Return the motions ``(H, 3)``."""
+        cdef Py_ssize_t h
+        motions = np.empty((self.size, 3))
+        cdef double[:, ::1] motion = motions
+        for h in range(self.size):
+            motion[h, 0], motion[h, 1], motion[h, 2] = self.rows[h].x, self.rows[h].y, self.rows[h].theta
+        return motions
 
 
 def refine(candidates, alignment, scales):
@@ -79,29 +126,31 @@ def refine(candidates, alignment, scales):
         The normal equations of the last iteration.
     """
     points, field, min_cosine, damping = alignment
-    cdef double[:, ::1] rows = table_of(candidates)
-    refine_poses(views_of(points), lines_of(field), min_cosine, damping, np.array(scales, dtype=float), rows)
-    table = np.asarray(rows)
-    return table[:, :SCORE].copy(), table[:, EQUATIONS:].reshape(len(table), 4, 4)
+    cdef Hypotheses found = Hypotheses(candidates)
+    refine_hypotheses(views_of(points), lines_of(field), min_cosine, damping, np.array(scales, dtype=float), found)
+    equations = np.empty((found.size, 4, 4))
+    cdef double[:, :, ::1] table = equations
+    cdef Py_ssize_t h
+    for h in range(found.size):
+        write_equations(&found.rows[h].equations, &table[h, 0, 0])
+    return found.motions(), equations
 
 
-cdef int refine_poses(PointViews views, Lines field, double min_cosine, double damping, const double[::1] scales,
-                      double[:, ::1] poses) except -1:
-    """Refine a table of hypotheses in place, and write the normal equations of the last iteration to it."""
-    cdef Py_ssize_t h, k, level
+cdef int refine_hypotheses(PointViews views, Lines field, double min_cosine, double damping, const double[::1] scales,
+                           Hypotheses found) except -1 nogil:
+    """Refine hypotheses in place, and keep the normal equations of their last iteration."""
+    cdef Py_ssize_t h, level
     cdef double[3] step
-    cdef Equations sums
+    cdef Hypothesis *row
     cdef Pose pose
-    with nogil:
-        for h in range(poses.shape[0]):
-            sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-            for level in range(scales.shape[0]):
-                read_pose(poses, h, &pose)
-                add_points(views, field, &pose, min_cosine, scales[level], &sums)
-                solve_step(&sums, damping, step)
-                for k in range(3):
-                    poses[h, k] -= step[k]
-            write_equations(&sums, &poses[h, EQUATIONS])
+    for h in range(found.size):
+        row = &found.rows[h]
+        row.equations = NO_POINTS
+        for level in range(scales.shape[0]):
+            pose = pose_at(row.x, row.y, row.theta)
+            add_points(views, field, &pose, min_cosine, scales[level], &row.equations)
+            solve_step(&row.equations, damping, step)
+            row.x, row.y, row.theta = row.x - step[0], row.y - step[1], row.theta - step[2]
     return 0
 
 
@@ -111,7 +160,7 @@ cdef int add_points(PointViews views, Lines field, Pose *pose, double min_cosine
     cdef double factor = -0.5 / (scale * scale), e, nx, ny
     cdef Py_ssize_t k
     cdef Match found
-    sums[0] = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    sums[0] = NO_POINTS
     for k in range(views.size):
         match_point(views, field, k, pose, min_cosine, &found)
         if found.alike:
@@ -147,7 +196,7 @@ def polish(candidate, found, points, refinement):
     cdef double[3] step
     cdef double[3] total = [0.0, 0.0, 0.0]
     for _ in range(refinement.polish_iterations):
-        sums, sum_weight = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0
+        sums, sum_weight = NO_POINTS, 0.0
         factor = -0.5 / (scale * scale)
         for k in range(error.shape[1]):
             if alike[0, k]:

@@ -4,6 +4,7 @@
 from libc.math cimport fabs
 
 from ..geometry.plane cimport bin_of, length_of, wrap
+from .point_to_line cimport Hypotheses, Hypothesis
 from .views cimport Lines, PointViews
 
 
@@ -12,10 +13,9 @@ cdef inline double violation(const double[::1] near, double x, double y, double 
     return min(max((near[bin_of(x, y, near.shape[0])] - length_of(x, y) - tolerance) * (1.0 / tolerance), 0.0), 1.0)
 
 
-cdef inline bint is_near(const double[:, ::1] poses, Py_ssize_t h, double x, double y, double theta, double most_apart,
-                         double angle) except -1 nogil:
-    """Whether a hypothesis lies within a distance [m] and an angle [rad] of one."""
-    return length_of(poses[h, 0] - x, poses[h, 1] - y) <= most_apart and fabs(wrap(poses[h, 2] - theta)) <= angle
+cdef inline bint are_near(double x, double y, double theta, double most_apart, double angle) noexcept nogil:
+    """Whether a difference of two motions is at most a distance [m] and an angle [rad]."""
+    return length_of(x, y) <= most_apart and fabs(wrap(theta)) <= angle
 
 
 cdef class Comparison:
@@ -26,6 +26,6 @@ cdef class Comparison:
     cdef double min_cosine, damping, score_scale, tolerance, against
 
 
-cdef int write_scores(Comparison comparison, PointViews views, double[:, ::1] rows) except -1 nogil
-cdef int add_reverse_conflicts(Comparison comparison, const double[:, ::1] poses, double[::1] fraction) except -1
+cdef int write_scores(Comparison comparison, Hypotheses found) except -1 nogil
+cdef int write_reverse_conflicts(Comparison comparison, Hypotheses found, double[::1] fraction) except -1
 cdef search_along(Comparison comparison, candidates, const double[::1] angles)

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scores of hypotheses, and which of them differ (section 2.3)."""
+from ..features.free_space import FreeSpaceProfile
+from ..features.oriented_points import OrientedPoints
 from ..geometry.array_types import BoolArray, FloatArray
 from ..parameters.odometry import PriorParameters
-from ..parameters.registration import DecisionParameters
+from ..parameters.registration import DecisionParameters, DensityParameters, SelectionParameters
 from .records import Prior
 from .search import Problem
 
@@ -11,6 +13,13 @@ def find_rivals(
 ) -> BoolArray: ...
 def scores(problem: Problem, candidates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]: ...
 def reverse_conflicts(problem: Problem, candidates: FloatArray) -> FloatArray: ...
+def preselect(
+    candidates: FloatArray,
+    points: OrientedPoints,
+    profile: FreeSpaceProfile,
+    parameters: SelectionParameters,
+    density: DensityParameters,
+) -> FloatArray: ...
 def within_gate(candidates: FloatArray, prior: Prior, parameters: PriorParameters) -> BoolArray: ...
 def distinct(candidates: FloatArray, count: int, distance: float, angle: float) -> list[int]: ...
 def same(candidates: FloatArray, one: FloatArray, distance: float, angle: float) -> BoolArray: ...

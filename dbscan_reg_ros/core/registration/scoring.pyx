@@ -5,12 +5,14 @@ import math
 
 import numpy as np
 
+from ..features.oriented_points import sample
 from ..geometry import se2, tolerance
 
 from libc.math cimport cos, exp, fabs, sin
 
-from ..geometry.ordering cimport first_largest
-from .point_to_line cimport CONFLICT, EQUATIONS, OVERLAP, SCORE, Match, Pose, match_point, read_pose, table_of
+from ..geometry.ordering cimport first_largest, sort_up_to_rounding
+from ..geometry.plane cimport bin_of, length_of
+from .point_to_line cimport Hypotheses, Match, Pose, match_point, pose_at
 from .views cimport PointViews, lines_of, views_of
 
 cdef double TINY = tolerance.TINY
@@ -33,7 +35,7 @@ def find_rivals(candidates, direction, parameters):
             off = (poses[h, 0] - x) * c + (poses[h, 1] - y) * s
             poses[h, 0], poses[h, 1] = poses[h, 0] - off * c, poses[h, 1] - off * s
     for h in range(poses.shape[0]):
-        flag[h] = not is_near(poses, h, x, y, theta, apart, angle)
+        flag[h] = not are_near(poses[h, 0] - x, poses[h, 1] - y, poses[h, 2] - theta, apart, angle)
     return flags
 
 
@@ -51,21 +53,26 @@ cdef class Comparison:
 
 
 def scores(problem, candidates):
-    """Return score, overlap and conflict ``(H,)`` of each of the hypotheses ``(H, 3)``, as a `Ranking` has them."""
-    cdef Comparison comparison = Comparison(problem)
-    cdef double[:, ::1] rows = table_of(candidates)
-    write_scores(comparison, comparison.own, rows)
-    return tuple(np.asarray(rows).T[SCORE:EQUATIONS].copy())
+    """Return score, overlap and conflict ``(H,)`` of each of the hypotheses ``(H, 3)``, as `write_scores` has them."""
+    cdef Hypotheses found = Hypotheses(candidates)
+    cdef Py_ssize_t h
+    write_scores(Comparison(problem), found)
+    table = np.empty((3, found.size))
+    cdef double[:, ::1] values = table
+    for h in range(found.size):
+        values[0, h], values[1, h] = found.rows[h].score, found.rows[h].overlap
+        values[2, h] = found.rows[h].conflict
+    return tuple(table)
 
 
 def reverse_conflicts(problem, candidates):
     """Return the weighted fraction ``(H,)`` of the reference's points in free space of the current scan."""
-    fraction = np.zeros(len(candidates))
-    add_reverse_conflicts(Comparison(problem), table_of(candidates), fraction)
+    fraction = np.empty(len(candidates))
+    write_reverse_conflicts(Comparison(problem), Hypotheses(candidates), fraction)
     return fraction
 
 
-cdef int write_scores(Comparison comparison, PointViews views, double[:, ::1] rows) except -1 nogil:
+cdef int write_scores(Comparison comparison, Hypotheses found) except -1 nogil:
     """Write score, overlap and conflict of each hypothesis by the current scan's points.
 
     The score is the weighted fraction of the points on the reference's surfaces, less `violation_weight` times the
@@ -75,27 +82,28 @@ cdef int write_scores(Comparison comparison, PointViews views, double[:, ::1] ro
     cdef double factor = -0.5 / (comparison.score_scale * comparison.score_scale), weight, lost, e
     cdef double value, overlap, conflict
     cdef Py_ssize_t h, k
-    cdef Match found
+    cdef Match match
     cdef Pose pose
-    for h in range(rows.shape[0]):
-        read_pose(rows, h, &pose)
+    for h in range(found.size):
+        pose = pose_at(found.rows[h].x, found.rows[h].y, found.rows[h].theta)
         value = overlap = conflict = 0.0
-        for k in range(views.size):
-            match_point(views, comparison.field, k, &pose, comparison.min_cosine, &found)
+        for k in range(comparison.own.size):
+            match_point(comparison.own, comparison.field, k, &pose, comparison.min_cosine, &match)
             # Gaussian kernel (Eq. 18), 0 where the normals disagree.
-            e = found.error * views.inverse_noise[k]
-            weight = exp(factor * e * e) if found.alike else 0.0
-            lost = violation(comparison.near, found.x + pose.x, found.y + pose.y,
-                             comparison.tolerance / views.inverse_noise[k])
+            e = match.error * comparison.own.inverse_noise[k]
+            weight = exp(factor * e * e) if match.alike else 0.0
+            lost = violation(comparison.near, match.x + pose.x, match.y + pose.y,
+                             comparison.tolerance / comparison.own.inverse_noise[k])
             value += (weight - comparison.against * lost * (1.0 - weight)) * comparison.share[k]
             overlap += weight
             conflict += lost * comparison.share[k]
-        rows[h, SCORE], rows[h, OVERLAP], rows[h, CONFLICT] = value, overlap / <double> max(views.size, 1), conflict
+        found.rows[h].score, found.rows[h].conflict = value, conflict
+        found.rows[h].overlap = overlap / <double> max(comparison.own.size, 1)
     return 0
 
 
-cdef int add_reverse_conflicts(Comparison comparison, const double[:, ::1] poses, double[::1] fraction) except -1:
-    """Add the weighted fraction of the reference's points in free space of the current scan, of each hypothesis."""
+cdef int write_reverse_conflicts(Comparison comparison, Hypotheses found, double[::1] fraction) except -1:
+    """Write the weighted fraction of the reference's points in free space of the current scan, of each hypothesis."""
     reference = comparison.problem.reference
     cdef PointViews views = views_of(reference.sampled_points)
     cdef const double[::1] near = comparison.problem.current.free_space.near, share = reference.leverage
@@ -103,13 +111,53 @@ cdef int add_reverse_conflicts(Comparison comparison, const double[:, ::1] poses
     cdef double x, y
     cdef Pose pose
     with nogil:
-        for h in range(poses.shape[0]):
-            read_pose(poses, h, &pose)
+        for h in range(found.size):
+            pose, fraction[h] = pose_at(found.rows[h].x, found.rows[h].y, found.rows[h].theta), 0.0
             for k in range(views.size):
                 x, y = views.points[k].real - pose.x, views.points[k].imag - pose.y
                 fraction[h] += share[k] * violation(near, pose.c * x + pose.s * y, pose.c * y - pose.s * x,
                                                     comparison.tolerance / views.inverse_noise[k])
     return 0
+
+
+def preselect(candidates, points, profile, parameters, density):
+    """Return the hypotheses that align a scan best with the outline of the reference, at most `selection.preselected`.
+
+    Only the free-space profile of the reference is looked up, not its likelihood field.
+
+    Parameters
+    ----------
+    candidates : (C, 3) array
+    points : OrientedPoints
+        Points of the current scan.
+    profile : FreeSpaceProfile
+        Free-space profile of the reference.
+    parameters : SelectionParameters
+    density : DensityParameters
+    """
+    cdef Py_ssize_t most = parameters.preselected, size = len(candidates), h, k, at
+    if size <= most:
+        return candidates
+    cdef PointViews views = views_of(sample(points, parameters.preselection_points))
+    cdef const double[:, :] motion = candidates
+    cdef const double[::1] near = profile.near, far = profile.far
+    cdef double tolerance = parameters.preselection_tolerance, against = density.violation_weight, x, y, radius
+    # Negative: the best come first.
+    cdef double[::1] support = np.zeros(size)
+    cdef Py_ssize_t[:, ::1] work = np.empty((2, size), np.intp)
+    cdef Pose pose
+    with nogil:
+        for h in range(size):
+            pose = pose_at(motion[h, 0], motion[h, 1], motion[h, 2])
+            for k in range(views.size):
+                x = pose.c * views.points[k].real - pose.s * views.points[k].imag + pose.x
+                y = pose.s * views.points[k].real + pose.c * views.points[k].imag + pose.y
+                at, radius = bin_of(x, y, near.shape[0]), length_of(x, y)
+                if near[at] > 0.0:
+                    support[h] -= min(max(1.0 - max(near[at] - radius, radius - far[at]) / tolerance, 0.0), 1.0)
+                support[h] += against * violation(near, x, y, tolerance)
+        sort_up_to_rounding(support, work[0], work[1])
+    return candidates[np.asarray(work[0, :most])]
 
 
 def within_gate(candidates, prior, parameters):

@@ -275,8 +275,8 @@ def test_kernels_narrow_by_one_ratio_from_the_first_to_the_last():
                                        'advanced.refinement.map_iterations': 3,
                                        'advanced.refinement.map_first_scale': 0.04,
                                        'advanced.refinement.map_scale': 0.001}).refinement
-    assert refinement.coarse_scales() == pytest.approx([0.8, 0.4, 0.2, 0.1])
-    assert refinement.fine_scales() == [0.1]
+    assert refinement.coarse_scales == pytest.approx([0.8, 0.4, 0.2, 0.1])
+    assert refinement.fine_scales.tolist() == [0.1]
     assert refinement.window_scales(0.01) == pytest.approx([0.04, 0.02, 0.01])
 
 

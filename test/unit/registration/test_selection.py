@@ -11,9 +11,10 @@ from dbscan_reg_ros import SE2, Parameters, Prior
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.registration.hypotheses import Candidates
 from dbscan_reg_ros.core.registration.point_to_line import fit
-from dbscan_reg_ros.core.registration.ranking import preselect, rank_by_density
+from dbscan_reg_ros.core.registration.ranking import rank_by_density
 from dbscan_reg_ros.core.registration.scoring import (
     distinct,
+    preselect,
     reverse_conflicts,
     same,
     scores,

@@ -37,8 +37,7 @@ def test_rivals_widen_the_covariance_by_their_distance_in_the_sensor_frame():
 
 def ranking(candidates, odds, best):
     size = len(odds)
-    return Ranking(candidates, np.full(size, 0.9), np.ones(size), np.zeros(size), np.zeros((size, 4, 4)),
-                   np.array(odds), best)
+    return Ranking(candidates, np.full(size, 0.9), np.ones(size), np.array(odds), best)
 
 
 def test_a_rival_along_a_constrained_direction_makes_ambiguous():

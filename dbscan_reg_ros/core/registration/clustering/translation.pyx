@@ -13,7 +13,7 @@ from libc.math cimport M_PI, cos, exp, fabs, sin
 from ...geometry.ordering cimport sort_up_to_rounding
 from ...geometry.plane cimport cross, rotated, wrap, wrapped
 from ..point_to_line cimport Equations, add_row, solve_step
-from ..scoring cimport is_near
+from ..scoring cimport are_near
 from ..views cimport SegmentViews, views_of_segments
 from .clusters cimport cluster_translations, rank_translations
 from .rotation cimport RotationClusters, weights_of
@@ -67,7 +67,7 @@ def near_motions(problem, prior):
                                  p.translation).motion
     reach, count = gate * <double> prior.translation_sigma, 0
     for h in range(motion.shape[0]):
-        if count < most and is_near(motion, h, x, y, theta, reach, angle):
+        if count < most and are_near(motion[h, 0] - x, motion[h, 1] - y, motion[h, 2] - theta, reach, angle):
             for k in range(3):
                 motion[count, k] = motion[h, k]
             count += 1
