@@ -10,10 +10,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from benchmarks import __main__ as bench
+from benchmarks import cost
 from benchmarks.__main__ import main
 from benchmarks.bounds import Bound, at_least, at_most
 from benchmarks.lidars import several, silent, wrong
-from benchmarks.odometry import cost, courses, drift
+from benchmarks.odometry import courses, drift
 from benchmarks.odometry.course import Course
 from benchmarks.odometry.drift import drive
 from benchmarks.registration import pairs, relations, speed, synthetic

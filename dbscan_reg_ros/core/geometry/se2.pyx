@@ -31,10 +31,20 @@ def turn_matrix(theta):
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def turned(matrix, theta):
+def turned(const double[:, :] matrix, double theta):
     """Rotate the axes of a ``(3, 3)`` covariance or information over (x, y, theta) by `theta` [rad]."""
-    rotation = turn_matrix(theta)
-    return rotation @ matrix @ rotation.T
+    cdef double c = cos(theta), s = sin(theta)
+    cdef double[:, ::1] rows = np.empty((DOF, DOF)), result = np.empty((DOF, DOF))
+    cdef Py_ssize_t k
+    for k in range(3):
+        rows[0, k] = c * matrix[0, k] - s * matrix[1, k]
+        rows[1, k] = s * matrix[0, k] + c * matrix[1, k]
+        rows[2, k] = matrix[2, k]
+    for k in range(3):
+        result[k, 0] = c * rows[k, 0] - s * rows[k, 1]
+        result[k, 1] = s * rows[k, 0] + c * rows[k, 1]
+        result[k, 2] = rows[k, 2]
+    return np.asarray(result)
 
 
 def unit_complex(angles):

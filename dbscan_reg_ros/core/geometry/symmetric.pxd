@@ -17,21 +17,21 @@ cdef struct Factors:
 
 
 cdef inline Factors factors(double xx, double xy, double xt, double yy, double yt, double tt) noexcept nogil:
-    """Factorise the symmetric matrix with this upper triangle, as `symmetric_matrix`."""
+    """Factorise the symmetric matrix with this upper triangle."""
     cdef double p = xy / xx, q = xt / xx, b = yy - p * xy, rest = yt - p * xt, r = rest / b
     return Factors(xx, b, tt - q * xt - r * rest, p, q, r)
 
 
-cdef inline double squared_distance(const double[:, ::1] covariance, double *error) except? -1.0 nogil:
-    """Return the squared Mahalanobis distance of an error from 0, as `symmetric_matrix.mahalanobis`."""
+cdef inline double squared_distance(const double[:, :] covariance, double *error) except? -1.0 nogil:
+    """Return the squared Mahalanobis distance of an error from 0."""
     cdef Factors f = factors(covariance[0, 0], covariance[0, 1], covariance[0, 2], covariance[1, 1], covariance[1, 2],
                              covariance[2, 2])
     cdef double y = error[1] - f.p * error[0], t = error[2] - f.q * error[0] - f.r * y
     return error[0] * error[0] / f.a + y * y / f.b + t * t / f.c
 
 
-cdef inline int write_inverse(const double[:, ::1] matrix, double[:, ::1] result) except -1 nogil:
-    """Write the inverse of a symmetric matrix ``(3, 3)``, as `symmetric_matrix.inverse`."""
+cdef inline int write_inverse(const double[:, :] matrix, double[:, ::1] result) except -1 nogil:
+    """Write the inverse of a symmetric matrix ``(3, 3)``."""
     cdef Factors f = factors(matrix[0, 0], matrix[0, 1], matrix[0, 2], matrix[1, 1], matrix[1, 2], matrix[2, 2])
     cdef double tt = 1.0 / f.c, yt = -f.r * tt, yy = 1.0 / f.b - f.r * yt, xt = -f.p * yt - f.q * tt
     cdef double xy = -f.p * yy - f.q * yt

@@ -5,9 +5,9 @@ import numpy as np
 from dbscan_reg_ros.evaluation.methods import method
 from dbscan_reg_ros.recordings import open_recording
 
+from .. import cost
 from ..bounds import at_most
 from ..intel import Intel
-from ..odometry import cost
 from ..report import Report
 from ..trials import Trial, run, summarise, thinned
 from . import pairs, synthetic

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dbscan_reg_ros.core.geometry.symmetric_matrix import inverse, mahalanobis, solve
+from dbscan_reg_ros.core.geometry.symmetric_matrix import inverse, mahalanobis
 
 
 def matrices(count=200):
@@ -39,17 +39,3 @@ def test_distance_of_an_error():
     for covariance in matrices(50):
         error = rng.normal(size=3)
         assert mahalanobis(error, covariance) == pytest.approx(error @ np.linalg.solve(covariance, error), rel=1e-7)
-
-
-@pytest.mark.parametrize('damping', [0.0, 0.003, 0.5])
-def test_steps_are_those_of_the_damped_equations(damping):
-    rows = np.random.default_rng(2).normal(size=(40, 4, 60))
-    equations = rows @ rows.transpose(0, 2, 1)
-    information, gradient = equations[:, :3, :3].copy(), equations[:, :3, 3:]
-    lift = damping * (information[:, 0, 0] + information[:, 1, 1] + 1e-6)
-    information += lift[:, None, None] * np.eye(3)
-    np.testing.assert_allclose(solve(equations, damping), np.linalg.solve(information, gradient)[:, :, 0], atol=1e-12)
-
-
-def test_no_equations_have_no_steps():
-    assert solve(np.zeros((0, 4, 4)), 0.1).shape == (0, 3)

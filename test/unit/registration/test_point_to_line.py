@@ -9,7 +9,6 @@ from l_room import DENSITY, END, START, features, fitted, rows
 from dbscan_reg_ros import SE2, Parameters
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.features.tables import build_likelihood_field
-from dbscan_reg_ros.core.geometry.symmetric_matrix import solve
 from dbscan_reg_ros.core.registration.point_to_line import fit, polish, refine
 from dbscan_reg_ros.core.registration.residuals import Alignment, jacobian, normal_equations, shared_information
 
@@ -70,15 +69,6 @@ def test_scans_whose_normals_stray_each_by_itself_do_not_agree_along_a_wall():
     assert single == pytest.approx(0.04 * size, rel=0.1)
     # The sum of as many products of two independent normals of that spread: three standard deviations.
     assert abs(shared) < 3.0 * 0.04 * math.sqrt(size)
-
-
-def test_a_damped_step_is_that_of_the_damped_matrix():
-    equations = np.zeros((1, 4, 4))
-    equations[0, :3, :3] = np.diag([4.0, 6.0, 9.0])
-    equations[0, :3, 3] = 1.0, 2.0, 3.0
-    assert solve(equations, 0.0)[0] == pytest.approx([1.0 / 4.0, 2.0 / 6.0, 3.0 / 9.0])
-    assert solve(equations, 0.1)[0] == pytest.approx([1.0 / 5.0, 2.0 / 7.0, 3.0 / 10.0], rel=1e-6)
-    assert solve(np.zeros((1, 4, 4)), 0.1)[0].tolist() == [0.0, 0.0, 0.0]
 
 
 def polished(reference, current, candidate):

@@ -17,8 +17,8 @@ from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.evaluation.methods import BenchmarkError
 from dbscan_reg_ros.recordings import open_recording
 
-from ..bounds import at_most
-from ..fingerprint.fingerprint import PACKAGE, built, environment, resolved, root
+from .bounds import at_most
+from .fingerprint.fingerprint import PACKAGE, built, environment, resolved, root
 
 UTM = '--lidar', 'hokuyo_utm30lx', '--world'
 SIMULATED = {

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+# cython: language_level=3, binding=True, boundscheck=True, wraparound=False, cdivision=True
+"""Symmetric positive definite 3 x 3 matrices as arrays."""
+import numpy as np
+
+from .se2 import DOF
+
+from .symmetric cimport Factors, factors, squared_distance, write_inverse
+
+IDENTITY = np.eye(DOF)
+IDENTITY.flags.writeable = False
+
+
+cdef Factors factors_of(const double[:, :] matrix) except *:
+    """Return the factors of a matrix; raise `ZeroDivisionError` if it is singular."""
+    cdef Factors f = factors(matrix[0, 0], matrix[0, 1], matrix[0, 2], matrix[1, 1], matrix[1, 2], matrix[2, 2])
+    if f.a == 0.0 or f.b == 0.0 or f.c == 0.0:
+        raise ZeroDivisionError('the matrix is singular')
+    return f
+
+
+def inverse(const double[:, :] matrix):
+    """Invert a ``(3, 3)`` matrix.
+
+    Raises
+    ------
+    ZeroDivisionError
+        When the matrix is singular.
+    """
+    result = np.empty((DOF, DOF))
+    factors_of(matrix)
+    write_inverse(matrix, result)
+    return result
+
+
+def mahalanobis(error, const double[:, :] covariance):
+    """Return the squared Mahalanobis distance from zero of an `error` ``(3,)`` with a `covariance` ``(3, 3)``."""
+    cdef double[3] e
+    e[0], e[1], e[2] = error
+    factors_of(covariance)
+    return squared_distance(covariance, e)
+
+
+def diagonal(double x, double y, double t):
+    """Return the ``(3, 3)`` matrix with these numbers on its diagonal."""
+    result = np.zeros((DOF, DOF))
+    cdef double[:, ::1] entry = result
+    entry[0, 0], entry[1, 1], entry[2, 2] = x, y, t
+    return result
