@@ -14,7 +14,7 @@ from ..registration.confidence.model import LIKELY
 from ..registration.records import Prior, Registration, Status
 from ..registration.status import demoted_if_weak, observability_ratio
 from ..sensor import FIRST, Sensor
-from .models.motion import unknown_motion_covariance
+from .models.covariance import unknown_motion_covariance
 from .models.stamps import ScanInterval
 from .models.wheel_calibration import WheelCalibration
 from .prediction import Predictions

@@ -137,10 +137,10 @@ class Odometry:
         if state.window is None or interval.jump is Jump.BACKWARD:
             return self._learn_timing(update.start(state, features, interval.reason, sensor), sent)
         # Predict by the external prior and by the motion model.
-        if interval.jump:
-            update.reset_velocity(state)
         state.motion.elapse(interval.length)
         predictions = predict(state, prior, interval, p)
+        if interval.jump:
+            update.reset_velocity(state)
         if self._joins(predictions, sensor, since_own):
             return update.join(state, features, predictions, sensor, p)
         gate = Gate(predictions, state.tracking, p, sensor)

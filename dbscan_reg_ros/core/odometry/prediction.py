@@ -9,7 +9,7 @@ from ..geometry.se2 import SE2
 from ..parameters.tree import Parameters
 from ..registration.records import Prior
 from ..sensor import Sensor
-from .models.motion import unknown_motion_covariance
+from .models.covariance import unknown_motion_covariance
 from .models.stamps import ScanInterval
 from .state import Mode, TrackState
 

@@ -13,9 +13,9 @@ from ..parameters.tree import Parameters
 from ..registration.pipeline import register, register_within_gate
 from ..registration.records import Prior, Registration, Status
 from ..registration.search import SearchStage
-from ..registration.status import demoted_if_poor
+from ..registration.status import demoted_if_poor, demoted_if_weak
 from .gate import Gate
-from .models.motion import displacement_covariance
+from .models.covariance import displacement_covariance
 from .references import (
     Match,
     Outcome,
@@ -57,7 +57,8 @@ class ReferenceSearch:
         outcome = self._search_map()
         if outcome.match is None or (self._gate.weak_prior and not outcome.is_certain):
             outcome = outcome.joined(self._match_scan_before(outcome.match))
-        if self._gate.predictions.interval.missing and not outcome.ends_gap(self._parameters):
+        predictions = self._gate.predictions
+        if predictions.interval.missing and not outcome.ends_gap(predictions.best.prior, self._parameters):
             outcome = outcome._replace(match=None)
         return outcome._replace(search_near=self._search_near, rejoined=self._match_lost_map(outcome.match))
 
@@ -123,6 +124,11 @@ class ReferenceSearch:
         for frame, features in (Reference(frames[-1], lost.window.local_map_of(self._sensor)), *references):
             prior = Prior(frame.pose.inverse() @ expected, covariance)
             registration = register(features, self._features, parameters, prior, SearchStage.NORMAL)
+            if lost.gap and lost.time < _AFTER_GAP and registration.status is Status.AMBIGUOUS:
+                # The sensor was probably not carried; but few points may fit at another door of a corridor as well.
+                prior = Prior(frame.pose.inverse() @ lost.gap.transform @ expected, lost.gap.covariance)
+                registration = demoted_if_weak(register(
+                    features, self._features, parameters, prior, SearchStage.NORMAL), prior, parameters.decision)
             pose = frame.pose @ registration.transform
             verdict = self._gate.check_lost_map(expected, covariance, pose, registration)
             if verdict.decision is Decision.ACCEPT:
@@ -174,3 +180,7 @@ class ReferenceSearch:
         if retried.normals is static.normals:
             return registration, static
         return register(reference.features, retried, self._search_parameters, prior), retried
+
+
+_AFTER_GAP = 0.5
+"""Time [s] after a gap in which a match may owe its confidence to the predicted motion: chance has few trials."""

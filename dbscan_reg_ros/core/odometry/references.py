@@ -13,7 +13,8 @@ from ..geometry.se2 import SE2
 from ..geometry.ties import order_up_to_rounding
 from ..mapping.key_frame import KeyFrame
 from ..parameters.tree import Parameters
-from ..registration.records import Registration, Status
+from ..registration.records import Prior, Registration, Status
+from ..registration.status import demoted_if_weak
 from .state import TrackState
 from .verdict import LIMITS, Decision, Reason, Verdict
 
@@ -92,9 +93,11 @@ class Outcome(NamedTuple):
         return (match is not None and match.verdict.decision is Decision.ACCEPT
                 and match.registration.status is Status.OK)
 
-    def ends_gap(self, p: Parameters) -> bool:
-        """Whether the result is unambiguous without a prediction, so that the pose may jump to it after a gap."""
-        return self.is_certain and self.registration.confidence >= p.decision.min_confidence
+    def ends_gap(self, prior: Prior, p: Parameters) -> bool:
+        """Whether the result is unambiguous after a weak `prior`, so that the pose may jump to it after a gap."""
+        if not self.is_certain or self.registration.confidence < p.decision.min_confidence:
+            return False
+        return demoted_if_weak(self.registration, prior, p.decision).status is Status.OK
 
     @property
     def rejected(self) -> Registration:

@@ -11,6 +11,7 @@ from ..mapping.key_frame import KeyFrame
 from ..mapping.key_frame_window import KeyFrameWindow
 from ..no_return import NoReturn
 from ..parameters.odometry import OdometryParameters
+from ..registration.records import Prior
 from .models.beam_timing import BeamTimingSearch
 from .models.covariance import CovariancePropagation
 from .models.manhattan import ManhattanHeading
@@ -54,15 +55,16 @@ class LostMap:
         Covariance after the last scan that was registered to this map.
     time : float [s]
         Time since the last scan that was registered to this map, without the `gap`.
-    gap : float [s]
-        Time without scans after which no scan was found in this map; 0 where scans went on.
+    gap : Prior or None
+        Predicted motion in the gap after which no scan was found in this map, as far as the pose does not follow it, in
+        the odometry frame; None where scans went on.
     """
 
     window: KeyFrameWindow
     pose: SE2
     covariance: CovariancePropagation
     time: float
-    gap: float = 0.0
+    gap: Prior | None = None
 
     def longest(self, parameters: OdometryParameters) -> float:
         """Return the time [s] for which the map is kept."""
@@ -196,13 +198,16 @@ class TrackState:
         assert self.window is not None, 'a track has a key frame from its first scan on'
         return self.window
 
-    def map_before_gap(self, interval: ScanInterval) -> LostMap | None:
-        """Return the map before the first gap since which no scan was found in it; None if there was no gap."""
+    def map_before_gap(self, interval: ScanInterval, predicted: Prior) -> LostMap | None:
+        """Return the map before the first gap since which no scan was found in it; None if there was no gap.
+
+        `predicted` is the motion in the `interval`, as `LostMap.gap`.
+        """
         lost = self.tracking.lost
         if lost is not None and lost.gap:
             return lost
         covariance = copy.deepcopy(self.covariance)
-        return LostMap(self.key_frames, self.pose, covariance, 0.0, interval.elapsed) if interval.jump else None
+        return LostMap(self.key_frames, self.pose, covariance, 0.0, predicted) if interval.jump else None
 
 
 _GAP_TIME = 60.0

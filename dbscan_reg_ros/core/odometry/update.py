@@ -119,8 +119,9 @@ def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p
     predicted, interval = sensor.first_at(predictions.best.pose), predictions.interval
     lost_time = state.tracking.lost_time + max(interval.length, interval.elapsed)
     if lost_time > p.odometry.restart_time or interval.jump:
-        lost = state.map_before_gap(interval)
-        state.pose = state.pose if predictions.external is None else predicted
+        pose = state.pose if predictions.external is None else predicted
+        covariance = sensor.first_prior(predictions.best.prior).covariance
+        lost, state.pose = state.map_before_gap(interval, Prior(predicted @ pose.inverse(), covariance)), pose
         return start(state, features, interval.reason or f'lost for {lost_time:.1f} s', sensor, lost_time, lost)
     lost, mode = state.lost_map_after(interval), Mode.COASTING
     if lost_time > p.odometry.coast_time:
@@ -128,9 +129,8 @@ def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p
         if state.motion.has_velocity:
             reset_velocity(state)
         state.motion.forget_position()
-    stopped = mode is Mode.LOST and predictions.by_motion_model
     guess = outcome.guess and sensor.first_at(outcome.guess)
-    pose = guess or (state.pose if stopped else predicted)
+    pose = guess or (state.pose if mode is Mode.LOST and predictions.by_motion_model else predicted)
     _propagate(state, pose, sensor.first_prior(coasting_prior(state, predictions, p)), interval)
     state.pose = pose
     frame = KeyFrame(features, sensor.pose_at(pose), number=state.output.number, sensor=sensor)

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.models.motion import (
-    ConstantVelocityModel,
-    MotionConstraints,
-    unknown_motion_covariance,
-)
-from dbscan_reg_ros.core.odometry.models.stamps import ScanInterval
+from dbscan_reg_ros.core.odometry.models.covariance import unknown_motion_covariance
+from dbscan_reg_ros.core.odometry.models.motion import ConstantVelocityModel, MotionConstraints
+from dbscan_reg_ros.core.odometry.models.stamps import Jump, ScanInterval
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Prior
 
@@ -50,6 +47,21 @@ def test_after_a_gap_the_motion_is_unknown():
     prior = motion.predict(gap, P)
     assert prior.velocity_change is None
     np.testing.assert_array_equal(prior.covariance, unknown_motion_covariance(gap, P))
+
+
+def test_in_a_long_gap_the_velocity_decays_and_its_variance_grows():
+    """Against a simulated Ornstein-Uhlenbeck process: 0.5 m/s at first, a standard deviation of 0.5 m/s at last."""
+    motion, rng, step = ConstantVelocityModel(SE2()), np.random.default_rng(0), 0.02
+    drive(motion, SE2(), 30, SE2(0.05))
+    for time in (3.0, 12.0):
+        velocity, way = np.tile((0.5, 0.0), (4000, 1)), np.zeros((4000, 2))
+        for _ in range(round(time / step)):
+            velocity += -step / 5.0 * velocity + 0.5 * math.sqrt(2.0 * step / 5.0) * rng.normal(size=velocity.shape)
+            way += step * velocity
+        prior = motion.predict(ScanInterval(0.1, time, 0.02, Jump.FORWARD, 'no scan', missing=True), P)
+        assert prior.transform.as_array() == pytest.approx([*way.mean(axis=0), 0.0], abs=0.15)
+        variance = way.var(axis=0) + P.prior.unknown_sigma ** 2
+        assert prior.covariance.diagonal() == pytest.approx([*variance, 1.0], rel=0.06)
 
 
 def test_along_a_degenerate_direction_the_speed_is_kept():

@@ -11,7 +11,13 @@ from ...geometry.symmetric_matrix import diagonal
 from ...geometry.tolerance import TINY
 from ...parameters.tree import Parameters
 from ...registration.records import Prior
-from .covariance import twist_variance
+from .covariance import (
+    displacement_covariance,
+    displacement_sigma,
+    motion_without_scans,
+    twist_variance,
+    unknown_motion_covariance,
+)
 from .scan_order import ScanMiddle
 from .stamps import ScanInterval
 
@@ -125,9 +131,11 @@ class ConstantVelocityModel:
     def predict(self, interval: ScanInterval, parameters: Parameters) -> Prior:
         """Predict the same increment as the last one; its covariance grows with the interval and with the increment."""
         p, increment = parameters.prior, self._increment
-        unknown = increment is None or parameters.odometry.prior == 'none'
-        increment = SE2() if increment is None or unknown or interval.jump else increment
-        if unknown or interval.gap:
+        if increment is None or parameters.odometry.prior == 'none':
+            return Prior(SE2(), unknown_motion_covariance(interval, parameters))
+        if interval.jump and self.has_velocity:
+            return motion_without_scans(self._mean_twist(), interval, parameters)
+        if interval.gap:
             return Prior(increment, unknown_motion_covariance(interval, parameters))
         if self._velocities and self._differs_from_last(interval):
             # Scans were dropped, now or before, or those of several sensors alternate.
@@ -167,7 +175,7 @@ class ConstantVelocityModel:
             covariance = covariance + displacement_covariance(lost_time, parameters)
         if self._degenerate_direction is not None:
             angle = self._degenerate_direction - predicted.theta
-            distance = min(_displacement_sigma(self.unconstrained_time, parameters)[0],
+            distance = min(displacement_sigma(self.unconstrained_time, parameters)[0],
                            parameters.degeneracy.search_distance)
             along = np.array((math.cos(angle), math.sin(angle), 0.0))
             covariance = covariance + distance ** 2 * along[:, None] * along
@@ -266,33 +274,11 @@ def _limited(twist: NDArray[np.float64], parameters: Parameters) -> NDArray[np.f
     return np.array((vx * ratio, vy * ratio, min(max(turn_rate, -p.max_turn_rate), p.max_turn_rate)))
 
 
-def unknown_motion_covariance(interval: ScanInterval, parameters: Parameters) -> NDArray[np.float64]:
-    """Return the covariance ``(3, 3)`` [m, m, rad] of an unknown motion in an `interval`."""
-    p, time = parameters.prior, interval.elapsed if interval.gap else interval.length
-    distance, rotation = _displacement_sigma(min(time, parameters.time.max_jump), parameters)
-    sigma, rotation = math.hypot(p.unknown_sigma, distance), math.hypot(p.unknown_sigma, rotation)
-    return diagonal(sigma, sigma, min(rotation, _MAX_ROTATION_SIGMA)) ** 2
-
-
-def displacement_covariance(time: float, parameters: Parameters) -> NDArray[np.float64]:
-    """Return the covariance ``(3, 3)`` [m, m, rad] of a motion that was not observed for a `time` [s]."""
-    distance, rotation = _displacement_sigma(min(time, parameters.time.max_jump), parameters)
-    return diagonal(distance, distance, rotation) ** 2
-
-
-def _displacement_sigma(time: float, parameters: Parameters) -> tuple[float, float]:
-    """Return the standard deviations [m], [rad] of the displacement due to unknown accelerations over `time` [s]."""
-    p, half = parameters.prior, 0.5 * time ** 2
-    return p.acceleration * half, min(p.angular_acceleration * half, _MAX_ROTATION_SIGMA)
-
-
 def integrate(twist: NDArray[np.float64], time: float) -> SE2:
     """Return the motion of a constant `twist` [m/s, m/s, rad/s] in a `time` [s], to first order."""
     return SE2.from_array([each * time for each in twist.tolist()])
 
 
-_MAX_ROTATION_SIGMA = 1.0
-"""Largest standard deviation [rad] of an unknown rotation."""
 _SAME_INTERVAL = 1.5
 """Two intervals whose ratio is below this differ by jitter of the stamps only."""
 _RANDOM_WALK_GAIN = 1.5
