@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from accelerated_inputs import oriented_points
 
+from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.features.tables import build_likelihood_field
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.mapping.correspondences import Correspondences, PosePrior
+from dbscan_reg_ros.core.mapping.correspondences import align, weighted_by_agreement
 from dbscan_reg_ros.core.mapping.dynamic_points import beside, detached_points, dynamic_points, information_ratio
-from dbscan_reg_ros.core.mapping.key_frame_window import FramePoses, FreeSpaceStack, LikelihoodFieldStack
-from dbscan_reg_ros.core.mapping.local_map import newest_in_cell
-from dbscan_reg_ros.core.mapping.lookup import confirm, look_up_pairs, points_by_frame
-from dbscan_reg_ros.core.mapping.scan_to_map import align, weighted_by_agreement
+from dbscan_reg_ros.core.mapping.local_map import older_map_points
+from dbscan_reg_ros.core.mapping.lookup import Slots, confirm, look_up_correspondences, look_up_subsets
+from dbscan_reg_ros.core.mapping.records import PosePrior
 from dbscan_reg_ros.core.odometry.models.covariance import PoseMeasurement
 from dbscan_reg_ros.core.odometry.models.propagation import propagate_errors
 from dbscan_reg_ros.core.parameters.tree import Parameters
@@ -27,20 +27,27 @@ MIN_COSINE = P.density.min_normal_cosine
 
 
 def window(rng, count, size=150):
-    """Likelihood fields of `count` key frames near the origin, and their poses."""
+    """Key frames near the origin, as far as points are looked up in them."""
     poses = [SE2(*rng.normal(0.0, 0.2, 3).tolist()) for _ in range(count)]
-    stack = LikelihoodFieldStack([build_likelihood_field(oriented_points(rng, size), P.density) for _ in poses])
-    return stack, poses, FramePoses(np.array([[complex(pose.x, pose.y)] for pose in poses]),
-                                    np.array([[cmath.rect(1.0, -pose.theta)] for pose in poses]))
+    return window_of([key_frame(pose, build_likelihood_field(oriented_points(rng, size), P.density)) for pose in poses])
 
 
-def pairs_of(stack, poses, pose, points, lookup):
+def key_frame(pose, field, nearby=(0.0,)):
+    free_space = SimpleNamespace(nearby=np.array(nearby))
+    return SimpleNamespace(pose=pose, features=SimpleNamespace(likelihood_field=field, free_space=free_space))
+
+
+def window_of(frames):
+    return SimpleNamespace(frames=frames, slots=Slots(frames))
+
+
+def pairs_of(window, pose, points):
     """(frame, point, error) of all pairs, one by one."""
     found = []
-    for k, (field, frame) in enumerate(zip(stack.fields, poses, strict=True)):
-        relative = frame.inverse() @ pose
+    for k, frame in enumerate(window.frames):
+        field, relative = frame.features.likelihood_field, frame.pose.inverse() @ pose
         turn, shift = cmath.rect(1.0, relative.theta), complex(relative.x, relative.y)
-        for p in lookup[k]:
+        for p in range(len(points)):
             place, normal = turn * points.points[p] + shift, turn * points.normals[p]
             at = int(field.nearest(np.array([place]))[0])
             offset = field.normals[at] * place
@@ -54,20 +61,19 @@ def pairs_of(stack, poses, pose, points, lookup):
 @pytest.mark.parametrize('count', [1, 4])
 def test_pairs_are_the_nearest_lines_of_each_key_frame(seed, count):
     rng = np.random.default_rng(seed)
-    stack, poses, frames = window(rng, count)
-    points, pose = oriented_points(rng, 180), SE2(*rng.normal(0.0, 0.1, 3).tolist())
-    lookup = np.array([rng.permutation(180)[:60] for _ in poses])
-    found, expected = look_up_pairs(stack, frames, pose, points, lookup, MIN_COSINE), pairs_of(
-        stack, poses, pose, points, lookup)
+    frames, points, pose = window(rng, count), oriented_points(rng, 180), SE2(*rng.normal(0.0, 0.1, 3).tolist())
+    found, expected = look_up_correspondences(frames, pose, points, P.density), pairs_of(frames, pose, points)
+    order = np.lexsort((found.index, found.frame))
     assert len(expected) > 10
-    assert list(zip(found.frame.tolist(), found.point.tolist(), strict=True)) == [pair[:2] for pair in expected]
-    np.testing.assert_allclose(found.error, [error for *_, error in expected], atol=1e-12)
-    # The normals and rotated points give the Jacobian: finite differences of the error.
+    assert list(zip(found.frame[order].tolist(), found.index[order].tolist(), strict=True)) == [
+        pair[:2] for pair in expected]
+    np.testing.assert_allclose(found.rows[3, order], [error for *_, error in expected], atol=1e-12)
+    # The Jacobian: finite differences of the error.
     step = 1e-6
     for axis, moved in enumerate((SE2(pose.x + step, pose.y, pose.theta), SE2(pose.x, pose.y + step, pose.theta),
                                   SE2(pose.x, pose.y, pose.theta + step))):
-        jacobian = (found.normals.real, -found.normals.imag, -(found.normals * found.rotated_points).imag)[axis]
-        after = {pair[:2]: pair[2] for pair in pairs_of(stack, poses, moved, points, lookup)}
+        jacobian = found.rows[axis, order]
+        after = {pair[:2]: pair[2] for pair in pairs_of(frames, moved, points)}
         both = [i for i, pair in enumerate(expected) if pair[:2] in after]
         slope = [(after[expected[i][:2]] - expected[i][2]) / step for i in both]
         steady = np.abs(np.array(slope)) < 100.0  # elsewhere another line is the nearest
@@ -77,12 +83,12 @@ def test_pairs_are_the_nearest_lines_of_each_key_frame(seed, count):
 @SEEDS
 def test_a_point_is_confirmed_by_the_best_key_frame_from_elsewhere(seed):
     rng = np.random.default_rng(seed)
-    stack, poses, frames = window(rng, 4)
+    frames = window(rng, 4)
     points, pose, scale = oriented_points(rng, 180), SE2(0.02, -0.01, 0.01), 0.05
-    found = confirm(SimpleNamespace(fields=stack, poses=frames), pose, points, 0.15, scale, MIN_COSINE)
+    found = confirm(frames, pose, points, 0.15, scale, P.density)
     expected = np.zeros(180)
-    for k, p, error in pairs_of(stack, poses, pose, points, [range(180)] * 4):
-        if math.hypot(poses[k].x - pose.x, poses[k].y - pose.y) > 0.15:
+    for k, p, error in pairs_of(frames, pose, points):
+        if math.hypot(frames.frames[k].pose.x - pose.x, frames.frames[k].pose.y - pose.y) > 0.15:
             expected[p] = max(expected[p], math.exp(-0.5 * (error / scale) ** 2))
     np.testing.assert_allclose(found, expected, atol=1e-12)
     assert 0 < np.count_nonzero(expected) < 180
@@ -93,33 +99,32 @@ def test_a_point_is_confirmed_by_the_best_key_frame_from_elsewhere(seed):
 def test_every_point_is_looked_up_in_several_key_frames_and_subsets_follow_the_beams(seed, frames):
     rng = np.random.default_rng(seed)
     always, beams = rng.uniform(size=500) < 0.1, np.sort(rng.choice(2000, 500, replace=False))
-    found = points_by_frame(always, beams, frames, 60)
-    assert found.shape[0] == frames
-    seen = np.zeros((frames, 500), dtype=bool)
+    found = look_up_subsets(always, beams, frames, 60)
+    count = max(min(frames // 3, -(-np.count_nonzero(~always) // 60)), 1)
+    assert len(found) == count
+    seen = np.zeros((count, 500), dtype=bool)
     np.put_along_axis(seen, found, True, axis=1)
     assert seen[:, always].all()
-    count = max(min(frames // 3, -(-np.count_nonzero(~always) // 60)), 1)
-    for k in range(frames):
-        np.testing.assert_array_equal(seen[k, ~always], beams[~always] % count == k % count)
+    for k in range(count):
+        np.testing.assert_array_equal(seen[k, ~always], beams[~always] % count == k)
 
 
-def correspondences(rng, frames=2, pairs=90):
-    """Pairs of 40 points at a pose, with errors of centimetres."""
-    rows = rng.normal(0.0, 1.0, (4, pairs))
-    rows[3] *= 0.02
-    return Correspondences(SE2(0.1, -0.2, 0.3), 40, rng.integers(0, frames, pairs), rng.integers(0, 40, pairs),
-                           rng.normal(0.0, 1.0, (pairs, 2)) @ (1.0, 1j), rows, rng.uniform(0.2, 1.0, pairs))
+def weighted_points(rng):
+    """180 points with weights of their own."""
+    points = oriented_points(rng, 180)
+    return OrientedPoints(points.points, points.normals, points.beams, rng.uniform(0.2, 1.0, 180))
 
 
 @SEEDS
 def test_the_alignment_is_the_damped_least_squares_of_each_iteration(seed):
     rng = np.random.default_rng(seed)
-    found, start = correspondences(rng), SE2(0.11, -0.19, 0.31)
+    found = look_up_correspondences(window(rng, 2), SE2(0.1, -0.2, 0.3), weighted_points(rng), P.density)
+    start = SE2(0.11, -0.19, 0.31)
     information = np.diag(rng.uniform(0.1, 5.0, 3))
     prior, damping = PosePrior(SE2(0.13, -0.22, 0.29), information), 0.003
     offset = np.subtract(start.as_tuple(), found.pose.as_tuple())
     for scale in (0.05, 0.01):
-        _, weight = found.match(np.append(offset, 1.0), scale)
+        _, weight = found.match(SE2(*np.add(found.pose.as_tuple(), offset)), scale)
         jacobian, error = found.rows[:3], found.rows[3]
         square = jacobian * weight @ jacobian.T + information
         gradient = jacobian * weight @ error + information @ np.subtract(found.pose.as_tuple(), prior.pose.as_tuple())
@@ -131,21 +136,27 @@ def test_the_alignment_is_the_damped_least_squares_of_each_iteration(seed):
 @SEEDS
 def test_pairs_of_other_lidars_are_weighted_by_how_far_their_means_differ(seed):
     rng = np.random.default_rng(seed)
-    found, own = correspondences(rng), correspondences(rng)
-    is_own, scale, noise = np.array([True, False]), 0.05, 0.01
-    weights = weighted_by_agreement(found, own, is_own, scale, noise).weights
+    frames, points, here, there = window(rng, 2), weighted_points(rng), SE2(0.01, 0.02, 0.01), SE2(0.0, 0.01, 0.0)
+    found, own = (look_up_correspondences(each, pose, points, P.density)
+                  for each, pose in ((frames, here), (window_of(frames.frames[:1]), there)))
+    is_own, scale, noise, given = np.array([True, False]), 0.05, 0.01, found.weights
+    offset = np.append(np.subtract(here.as_tuple(), there.as_tuple()), 1.0)
+    weighted_by_agreement(found, own, is_own, scale, noise)
+    weights = found.weights
+    assert (weights < 0.9 * given).any()
     for k in range(len(weights)):
         if is_own[found.frame[k]]:
-            assert weights[k] == found.weights[k]
+            assert weights[k] == given[k]
             continue
         means = []
-        for some, chosen in ((found, ~is_own[found.frame]), (own, np.ones(len(own.index), dtype=bool))):
-            error = (some.step(found.pose) @ some.rows)[chosen & (some.index == found.index[k])]
+        for error, chosen in ((found.rows[3], ~is_own[found.frame] & (found.index == found.index[k])),
+                              (offset @ own.rows, own.index == found.index[k])):
+            error = error[chosen]
             kernel = np.exp(-0.5 * (error / scale) ** 2)
             means.append((max(kernel.sum(), 1e-9), (kernel * error).sum() / max(kernel.sum(), 1e-9)))
         (one, first), (other, second) = means
         sigma = noise * math.sqrt(1.0 / one + 1.0 / other)
-        expected = found.weights[k] * math.exp(-0.5 * ((first - second) / sigma) ** 2)
+        expected = given[k] * math.exp(-0.5 * ((first - second) / sigma) ** 2)
         assert weights[k] == pytest.approx(expected, abs=1e-12)
 
 
@@ -155,15 +166,16 @@ def test_points_in_free_space_are_dynamic_and_so_is_a_run_of_which_many_are(seed
     points, pose, margin, bins = oriented_points(rng, 300), SE2(0.1, 0.05, 0.2), 0.3, 360
     inside = (np.arange(300) >= 100) & (np.arange(300) < 130)
     points.points[inside] *= 0.6
-    profile = SimpleNamespace(nearby=rng.normal(4.3, 0.1, bins))
-    free = FreeSpaceStack([profile], np.array([[0.05 + 0.02j]]), np.array([[cmath.rect(1.0, -0.1)]]))
+    nearby = rng.normal(4.3, 0.1, bins)
+    field = build_likelihood_field(points, P.density)
+    free = window_of([key_frame(SE2(0.05, 0.02, 0.1), field, nearby)])
     at = cmath.rect(1.0, -0.1) * (cmath.rect(1.0, 0.2) * points.points + (0.1 + 0.05j) - (0.05 + 0.02j))
     number = np.minimum(((np.angle(at) + math.pi) * bins / (2.0 * math.pi)).astype(int), bins - 1)
-    in_free_space = profile.nearby[number] - np.abs(at) > margin
+    in_free_space = nearby[number] - np.abs(at) > margin
     run = np.concatenate(([0], np.cumsum(np.abs(np.diff(points.points)) > margin)))
     expected = in_free_space | (np.array([in_free_space[run == r].mean() for r in run]) > 0.3)
     assert expected.mean() < 0.4 and expected[inside].all()
-    np.testing.assert_array_equal(dynamic_points(points, pose, free, margin, np.ones(300, dtype=bool)), expected)
+    np.testing.assert_array_equal(dynamic_points(points, pose, free, 1, margin, np.ones(300, dtype=bool)), expected)
     near, dynamic = np.zeros(300, dtype=bool), expected.nonzero()[0]
     for k in range(300):
         sides = (*dynamic[dynamic <= k][-1:], *dynamic[dynamic >= k][:1])
@@ -207,12 +219,19 @@ def test_the_ratio_of_information_is_the_largest_generalised_eigenvalue(seed):
 @SEEDS
 def test_the_newest_points_of_a_cell_stay_unless_the_latest_key_frame_has_one(seed):
     rng = np.random.default_rng(seed)
-    points, latest = (rng.normal(0.0, 0.3, (count, 2)) @ (1.0, 1j) for count in (300, 40))
-    rank = np.sort(rng.integers(0, 5, 300))
-    cells, taken = ([(round(p.real / 0.1), round(p.imag / 0.1)) for p in some] for some in (points, latest))
-    expected = [cell not in taken and rank[k] == max(rank[i] for i in range(300) if cells[i] == cell)
-                for k, cell in enumerate(cells)]
-    np.testing.assert_array_equal(newest_in_cell(points, rank, latest, 0.1), expected)
+    scattered = [OrientedPoints(rng.normal(0.0, 0.15, (60, 2)) @ (1.0, 1j), np.full(60, 1j), np.arange(60))
+                 for _ in range(6)]
+    free_space = SimpleNamespace(near=np.zeros(60))
+    *older, latest = (SimpleNamespace(pose=SE2(), features=SimpleNamespace(
+        sampled_points=points, oriented_points=points, free_space=free_space)) for points in scattered)
+    found = older_map_points(older, latest, P.density)
+    side = P.density.cell_size
+    cells = [[(round(p.real / side), round(p.imag / side)) for p in points.points] for points in scattered]
+    farthest = np.abs(np.concatenate([points.points for points in scattered])).max()
+    expected = [p for k, points in enumerate(scattered[:5]) for p, cell in zip(points.points, cells[k], strict=True)
+                if not any(cell in newer for newer in cells[k + 1:]) and abs(p) <= farthest]
+    np.testing.assert_array_equal(found.points, expected)
+    assert 20 < len(expected) < 250
 
 
 @SEEDS

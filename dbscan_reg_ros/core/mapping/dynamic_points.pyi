@@ -5,13 +5,13 @@ from ..features.records import Features
 from ..geometry.array_types import BoolArray, IntArray
 from ..geometry.se2 import SE2
 from ..parameters.tree import Parameters
-from .key_frame_window import FreeSpaceStack, KeyFrameWindow
+from .key_frame_window import KeyFrameWindow
 
 def without_dynamic_points(
     features: Features, pose: SE2, window: KeyFrameWindow, parameters: Parameters, sensor: str = ''
 ) -> Features: ...
 def dynamic_points(
-    points: OrientedPoints, pose: SE2, free_space: FreeSpaceStack, margin: float, static: BoolArray
+    points: OrientedPoints, pose: SE2, window: KeyFrameWindow, frames: int, margin: float, static: BoolArray
 ) -> BoolArray: ...
 def detached_points(points: OrientedPoints, size: float, margin: float, closed: bool) -> BoolArray: ...
 def beside(points: OrientedPoints, dynamic: BoolArray, margin: float) -> BoolArray: ...

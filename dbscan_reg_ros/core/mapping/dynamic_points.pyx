@@ -8,8 +8,9 @@ from .lookup import confirm
 
 from libc.math cimport INFINITY, cos, sin, sqrt
 
-from ..features.oriented_points cimport given_or_ones
+from ..features.oriented_points cimport OrientedPoints
 from ..geometry.plane cimport bin_of, distance, length_of, modulus
+from .lookup cimport Slot, Slots
 
 cdef double TINY = tolerance.TINY
 # If more than this fraction of a group of neighbouring points lie in free space, all its points are dynamic.
@@ -48,7 +49,7 @@ def without_dynamic_points(features, pose, window, parameters, sensor=''):
         return features
     points = features.oriented_points.select(movable)
     confirmed = confirm(window, pose, points, p.static_baseline, parameters.refinement.score_scale,
-                        parameters.density.min_normal_cosine)
+                        parameters.density)
     return features.downweighted(movable, np.maximum(confirmed, p.movable_weight))
 
 
@@ -59,9 +60,9 @@ def _remove_dynamic(features, pose, window, parameters):
     movable = detached_points(walls, p.movable_size, p.dynamic_margin, features.scan.geometry.closed)
     if not p.dynamic_key_frames:
         return features, movable
-    free_space, static = window.free_space(p.dynamic_key_frames), np.ones(len(points), dtype=bool)
+    static = np.ones(len(points), dtype=bool)
     static[:len(walls)] = ~movable
-    dynamic = dynamic_points(points, pose, free_space, p.dynamic_margin, static)
+    dynamic = dynamic_points(points, pose, window, p.dynamic_key_frames, p.dynamic_margin, static)
     if not dynamic.any():
         return features, movable
     removed = dynamic[:len(walls)]
@@ -69,7 +70,7 @@ def _remove_dynamic(features, pose, window, parameters):
     return features.without(dynamic), movable
 
 
-def dynamic_points(points, pose, free_space, double margin, const unsigned char[::1] static):
+def dynamic_points(OrientedPoints points, pose, window, Py_ssize_t frames, double margin, const unsigned char[::1] static):
     """Determine which points of a scan are dynamic.
 
     Points in free space are dynamic, and so is a run of neighbours many of which are. Where most of the static points
@@ -82,7 +83,9 @@ def dynamic_points(points, pose, free_space, double margin, const unsigned char[
         P points in beam order.
     pose : SE2
         Predicted pose of the scan in the odometry frame.
-    free_space : FreeSpaceStack
+    window : KeyFrameWindow
+    frames : int
+        Number of the latest key frames whose free space is used.
     margin : float [m]
         Least distance in front of what a key frame saw; and between neighbours of two runs.
     static : (P,) bool
@@ -92,9 +95,9 @@ def dynamic_points(points, pose, free_space, double margin, const unsigned char[
     -------
     (P,) bool
     """
-    cdef const double complex[::1] own = points.points
+    cdef const double complex[::1] own = points.points_view
     cdef Py_ssize_t size = own.shape[0], start = 0, end, k, free = 0, inside, total = 0, judged = 0, judged_free = 0
-    in_free_space = contains(own, pose, free_space, margin, given_or_ones(points.inverse_noise, size))
+    in_free_space = contains(own, pose, window.slots, frames, margin, points.inverse_noise_view)
     cdef const unsigned char[::1] flag = in_free_space
     for k in range(size):
         free += flag[k]
@@ -125,30 +128,29 @@ def dynamic_points(points, pose, free_space, double margin, const unsigned char[
     return in_free_space if few else np.zeros_like(in_free_space)
 
 
-cdef contains(const double complex[::1] own, pose, free_space, double margin, const double[::1] inverse_noise):
-    """Return which points of a scan lie in space that a key frame saw to be free."""
-    cdef const double complex[:, :] origins = free_space.origins, turns = free_space.rotations
-    cdef const double[::1] near = free_space.near
-    cdef const Py_ssize_t[:, :] sizes = free_space.size, first = free_space.first
-    cdef Py_ssize_t k, p, at
+cdef contains(const double complex[::1] own, pose, Slots slots, Py_ssize_t frames, double margin,
+              const double[::1] inverse_noise):
+    """Return which points of a scan lie in space that one of the latest key frames saw to be free."""
+    cdef Py_ssize_t k, p
     cdef double c = cos(pose.theta), s = sin(pose.theta), x0 = pose.x, y0 = pose.y, x, y, dx, dy
+    cdef Slot *slot
     flags = np.zeros(own.shape[0], dtype=bool)
     cdef unsigned char[::1] flag = flags
     with nogil:
         for p in range(own.shape[0]):
             x = c * own[p].real - s * own[p].imag + x0
             y = s * own[p].real + c * own[p].imag + y0
-            for k in range(origins.shape[0]):
-                dx, dy = x - origins[k, 0].real, y - origins[k, 0].imag
-                at = first[k, 0] + bin_of(turns[k, 0].real * dx - turns[k, 0].imag * dy,
-                                          turns[k, 0].imag * dx + turns[k, 0].real * dy, sizes[k, 0])
-                if near[at] - length_of(dx, dy) > margin / inverse_noise[p]:
+            for k in range(max(slots.count - frames, 0), slots.count):
+                slot = &slots.slots[k]
+                dx, dy = x - slot.x, y - slot.y
+                if (slot.nearby[bin_of(slot.c * dx - slot.s * dy, slot.s * dx + slot.c * dy, slot.bins)]
+                        - length_of(dx, dy) > margin / inverse_noise[p]):
                     flag[p] = True
                     break
     return flags
 
 
-def detached_points(points, double size, double margin, bint closed):
+def detached_points(OrientedPoints points, double size, double margin, bint closed):
     """Determine which points belong to small detached objects: free space, or the end of the scan, is on both sides.
 
     Parameters
@@ -166,7 +168,7 @@ def detached_points(points, double size, double margin, bint closed):
     -------
     (P,) bool
     """
-    cdef const double complex[::1] own = points.points
+    cdef const double complex[::1] own = points.points_view
     cdef Py_ssize_t count = own.shape[0], shift = 0, start, end, k, seen = 0
     detached = np.zeros(count, dtype=bool)
     cdef unsigned char[::1] flag = detached
@@ -211,7 +213,7 @@ cdef double extent(const double complex[::1] points, Py_ssize_t start, Py_ssize_
     return length_of(right - left, high - low)
 
 
-def beside(points, const unsigned char[::1] dynamic, double margin):
+def beside(OrientedPoints points, const unsigned char[::1] dynamic, double margin):
     """Determine which points lie close to dynamic points: most likely the rest of an object that touches a wall.
 
     Parameters
@@ -226,7 +228,7 @@ def beside(points, const unsigned char[::1] dynamic, double margin):
     -------
     (P,) bool
     """
-    cdef const double complex[::1] own = points.points
+    cdef const double complex[::1] own = points.points_view
     cdef Py_ssize_t size = own.shape[0], k, last = -1
     near = np.zeros(size, dtype=bool)
     cdef unsigned char[::1] flag = near
@@ -243,7 +245,7 @@ def beside(points, const unsigned char[::1] dynamic, double margin):
     return near
 
 
-def information_ratio(points, const Py_ssize_t[::1] chosen):
+def information_ratio(OrientedPoints points, const Py_ssize_t[::1] chosen):
     """Return the fraction of the information about the translation that the `chosen` points (indices) provide.
 
     Returns
@@ -251,7 +253,7 @@ def information_ratio(points, const Py_ssize_t[::1] chosen):
     float
         Largest fraction over all directions of the translation, from 0 to 1: the largest generalised eigenvalue.
     """
-    cdef const double complex[::1] normals = points.normals
+    cdef const double complex[::1] normals = points.normals_view
     cdef double xx = 0.0, xy = 0.0, yy = 0.0, part_xx = 0.0, part_xy = 0.0, part_yy = 0.0, determinant, half, product
     cdef Py_ssize_t k
     cdef double complex n

@@ -2,72 +2,15 @@
 """Key-frame window: the latest key frames, their lookup tables and the local map."""
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..features.free_space import FreeSpaceProfile
-from ..features.likelihood_field import LikelihoodField
 from ..features.records import Features
-from ..geometry.se2 import SE2, unit_complex
-from ..registration.residuals import origins
+from ..geometry.se2 import SE2
 from .key_frame import KeyFrame
 from .local_map import older_map_points
-
-
-class FramePoses(NamedTuple):
-    """Poses of K key frames in the odometry frame.
-
-    Attributes
-    ----------
-    origins : (K, 1) complex [m]
-    rotations : (K, 1) complex
-        Unit numbers that rotate from the odometry frame into the frame of each key frame.
-    """
-
-    origins: NDArray[np.complex128]
-    rotations: NDArray[np.complex128]
-
-
-class LikelihoodFieldStack:
-    """Likelihood fields of K key frames.
-
-    Attributes
-    ----------
-    fields : tuple of LikelihoodField
-    compiled_tables : object or None
-        The tables of the fields in the form that the look-up needs; None before its first use.
-    """
-
-    def __init__(self, fields: Sequence[LikelihoodField]):
-        self.fields, self.compiled_tables = tuple(fields), None
-
-
-class FreeSpaceStack:
-    """Free-space profiles of K key frames.
-
-    Parameters
-    ----------
-    profiles : sequence of FreeSpaceProfile
-    origins, rotations : (K, 1) complex
-        Positions and rotations of the key frames, as in `FramePoses`.
-
-    Attributes
-    ----------
-    near : (N,) float [m]
-        `FreeSpaceProfile.nearby` of all profiles.
-    size, first : (K, 1) int
-        Number of bins of each profile, and index of its first bin in `near`.
-    """
-
-    def __init__(self, profiles: Sequence[FreeSpaceProfile], origins: NDArray[np.complex128],
-                 rotations: NDArray[np.complex128]):
-        near = [profile.nearby for profile in profiles]
-        self.origins, self.rotations = origins, rotations
-        self.near = np.concatenate(near)
-        self.size = np.array([[len(each)] for each in near])
-        self.first = self.size.cumsum(axis=0) - self.size
+from .lookup import Slots
 
 
 class KeyFrameWindow:
@@ -80,16 +23,15 @@ class KeyFrameWindow:
 
     Attributes
     ----------
-    poses : FramePoses
-    fields : LikelihoodFieldStack
+    slots : Slots
+        What the look-up of points reads of the key frames.
+    sensors : frozenset of str
+        Names of their sensors.
     """
 
     def __init__(self, frames: Sequence[KeyFrame]):
         self.frames = tuple(frames)
-        poses = np.array([(frame.pose.x, frame.pose.y, frame.pose.theta) for frame in self.frames])
-        self.poses = FramePoses(origins(poses), unit_complex(-poses[:, 2:]))
-        self.fields = LikelihoodFieldStack([frame.features.likelihood_field for frame in self.frames])
-        self._free_space: dict[int, FreeSpaceStack] = {}
+        self.slots = Slots(self.frames)
         self._local_maps: dict[KeyFrame, Features] = {}
         self._parts: dict[tuple[KeyFrame, ...], KeyFrameWindow] = {}
         self.sensors = frozenset(frame.sensor.name for frame in self.frames)
@@ -101,6 +43,8 @@ class KeyFrameWindow:
 
     def frames_of(self, sensor: str) -> tuple[KeyFrame, ...]:
         """Return the key frames of a `sensor`, the latest last; if it has none, the key frames of all sensors."""
+        if len(self.sensors) == 1:
+            return self.frames
         return tuple(frame for frame in self.frames if frame.sensor.name == sensor) or self.frames
 
     def local_map_of(self, sensor: str) -> Features:
@@ -169,13 +113,6 @@ class KeyFrameWindow:
         window._local_maps = {latest: features for latest, features in self._local_maps.items()
                               if latest.sensor.name != frame.sensor.name}
         return window
-
-    def free_space(self, frames: int) -> FreeSpaceStack:
-        """Return the free-space profiles of the latest `frames` key frames."""
-        if frames not in self._free_space:
-            profiles = [frame.features.free_space for frame in self.frames[-frames:]]
-            self._free_space = {frames: FreeSpaceStack(profiles, *(part[-frames:] for part in self.poses))}
-        return self._free_space[frames]
 
 
 def latest_frames(frames: Sequence[KeyFrame], size: int) -> Sequence[KeyFrame]:

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Local map: the points of the latest key frame and the points of older key frames in its surroundings."""
 from collections.abc import Sequence
+from typing import final
 
 from ..features.oriented_points import OrientedPoints
-from ..geometry.array_types import BoolArray, ComplexArray, IntArray
 from ..parameters.registration import DensityParameters
 from .key_frame import KeyFrame
 
 def older_map_points(
     older: Sequence[KeyFrame], latest: KeyFrame, density: DensityParameters
 ) -> OrientedPoints: ...
-def newest_in_cell(
-    points: ComplexArray, age_rank: IntArray, latest: ComplexArray, cell_size: float
-) -> BoolArray: ...
+
+@final
+class NewestInCell:
+    def __init__(self, most: int) -> None: ...

@@ -1,22 +1,36 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Look-up of points in all key frames at once."""
+"""Key frames as the look-up of points reads them, and the look-up of a scan in all of them."""
+from collections.abc import Sequence
+from typing import final
+
 from ..features.oriented_points import OrientedPoints
 from ..geometry.array_types import BoolArray, FloatArray, IntArray
 from ..geometry.se2 import SE2
-from .correspondences import Pairs
-from .key_frame_window import FramePoses, KeyFrameWindow, LikelihoodFieldStack
+from ..parameters.registration import DensityParameters
+from .correspondences import Correspondences
+from .key_frame import KeyFrame
+from .key_frame_window import KeyFrameWindow
 
-def look_up_pairs(
-    stack: LikelihoodFieldStack,
-    poses: FramePoses,
-    pose: SE2,
-    points: OrientedPoints,
-    lookup: IntArray,
-    min_cosine: float,
-) -> Pairs: ...
-def confirm(
-    window: KeyFrameWindow, pose: SE2, points: OrientedPoints, distance: float, scale: float, min_cosine: float
-) -> FloatArray: ...
-def points_by_frame(
+@final
+class Slots:
+    def __init__(self, frames: Sequence[KeyFrame]) -> None: ...
+    def __len__(self) -> int: ...
+
+@final
+class ScanLookup:
+    def __init__(self, slots: Slots, points: OrientedPoints, density: DensityParameters) -> None: ...
+
+def look_up_correspondences(
+    window: KeyFrameWindow, pose: SE2, points: OrientedPoints, density: DensityParameters
+) -> Correspondences: ...
+def look_up_subsets(
     in_every_frame: BoolArray, beams: IntArray, frame_count: int, subset_size: int
 ) -> IntArray: ...
+def confirm(
+    window: KeyFrameWindow,
+    pose: SE2,
+    points: OrientedPoints,
+    distance: float,
+    scale: float,
+    density: DensityParameters,
+) -> FloatArray: ...

@@ -1,42 +1,56 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
-"""Look-up of points in all key frames at once."""
+"""Key frames as the look-up of points reads them, and the look-up of a scan in all of them."""
 import numpy as np
 
-from .correspondences import Pairs
+from ..features.oriented_points import high_leverage
 
 from libc.math cimport cos, exp, fabs, sin
 from libc.stdlib cimport free, malloc
 
-from ..geometry.plane cimport modulus, rotated
-from ..registration.views cimport FieldArrays, Grid, Lines, PointViews, clipped, lines_of, views_of
+from ..features.oriented_points cimport OrientedPoints
+from ..geometry.plane cimport length_of
+from ..registration.views cimport FieldArrays, Grid, Lines, clipped, lines_of
+from .correspondences cimport Correspondences, Pair
 
 # Each point is looked up in at least this many key frames.
 cdef Py_ssize_t MIN_FRAMES_PER_POINT = 3
+# The size of a subset is about `density.max_points` divided by this number.
+cdef Py_ssize_t SUBSETS = 3
 
 
-cdef class FieldTables:
-    """Likelihood fields of K key frames, where the look-up finds them without a call."""
+cdef class Slots:
+    """The slots of K key frames.
 
-    cdef list lines
-    cdef FieldArrays *fields
-    cdef Py_ssize_t count
+    Parameters
+    ----------
+    frames : sequence of KeyFrame
+    """
 
-    def __cinit__(self, fields):
-        cdef Py_ssize_t k
-        self.lines, self.count = [lines_of(field) for field in fields], len(fields)
-        self.fields = <FieldArrays *> malloc(max(self.count, 1) * sizeof(FieldArrays))
-        if self.fields == NULL:
+    def __cinit__(self, frames):
+        cdef Lines lines
+        cdef const double[::1] nearby
+        cdef Slot *slot
+        self.frames, self.kept, self.count = tuple(frames), [], len(frames)
+        self.slots = <Slot *> malloc(max(self.count, 1) * sizeof(Slot))
+        if self.slots == NULL:
             raise MemoryError
-        for k in range(self.count):
-            self.fields[k] = (<Lines> self.lines[k]).arrays
+        for k, frame in enumerate(self.frames):
+            slot, pose, lines = &self.slots[k], frame.pose, lines_of(frame.features.likelihood_field)
+            slot.x, slot.y, slot.c, slot.s = pose.x, pose.y, cos(-pose.theta), sin(-pose.theta)
+            nearby = frame.features.free_space.nearby
+            slot.field, slot.nearby, slot.bins = lines.arrays, &nearby[0], nearby.shape[0]
+            self.kept.append((lines, nearby))
 
     def __dealloc__(self):
-        free(self.fields)
+        free(self.slots)
+
+    def __len__(self):
+        return self.count
 
     def __reduce__(self):
-        """Copies of the window make tables of their own."""
-        return type(None), ()
+        """Copies of the window make slots of their own."""
+        return type(self), (self.frames,)
 
 
 cdef inline Py_ssize_t entry(FieldArrays *field, double x, double y) noexcept nogil:
@@ -51,171 +65,112 @@ cdef inline Py_ssize_t entry(FieldArrays *field, double x, double y) noexcept no
     return (<const unsigned int *> field.table)[cell]
 
 
-cdef class PairFinder:
-    """Looks up points of a scan at a pose in key frames, one after the other, and collects the pairs."""
+cdef class ScanLookup:
+    """Looks up the points of one scan in key frames.
 
-    cdef FieldTables tables
-    cdef PointViews own
-    cdef const double complex[:, ::1] origins, turns
-    cdef double complex here
-    # Points relative to the sensor and their normals, rotated into the odometry frame.
-    cdef double complex[:, ::1] turned
-    cdef Py_ssize_t[::1] nearest
-    cdef double min_cosine
-    # Of the pairs: key frame and point; rotated point and normal; error.
-    cdef object numbers, vectors, errors
-    cdef Py_ssize_t[:, ::1] number
-    cdef double complex[:, ::1] vector
-    cdef double[::1] error
-    cdef Py_ssize_t count, most
+    Parameters
+    ----------
+    slots : Slots
+    points : OrientedPoints
+    density : DensityParameters
+    """
 
-    def __cinit__(self, stack, poses, pose, points, double min_cosine, Py_ssize_t width, Py_ssize_t most):
-        if stack.compiled_tables is None:
-            stack.compiled_tables = FieldTables(stack.fields)
-        self.tables, self.own, self.min_cosine = stack.compiled_tables, views_of(points), min_cosine
-        self.origins, self.turns, self.here = poses.origins, poses.rotations, pose.x + 1j * pose.y
-        if not self.tables.count == self.origins.shape[0] == self.turns.shape[0]:
-            raise IndexError('tables and poses of different numbers of key frames')
-        self.nearest, self.count, self.most = np.empty(max(width, 1), np.intp), 0, most
-        self.numbers, self.vectors = np.empty((2, most), np.intp), np.empty((2, most), complex)
-        self.errors = np.empty(most)
-        self.number, self.vector, self.error = self.numbers, self.vectors, self.errors
-        self.turned = np.empty((2, self.own.size), complex)
-        cdef double complex turn = cos(pose.theta) + 1j * sin(pose.theta)
+    def __cinit__(self, Slots slots, OrientedPoints points, density):
+        self.slots, self.own, self.density = slots, points, density
+        self.min_cosine = density.min_normal_cosine
+        self.turned = <Turned *> malloc(max(self.own.size, 1) * sizeof(Turned))
+        self.nearest = <Py_ssize_t *> malloc(max(self.own.size, 1) * sizeof(Py_ssize_t))
+        if self.turned == NULL or self.nearest == NULL:
+            raise MemoryError
+
+    def __dealloc__(self):
+        free(self.turned)
+        free(self.nearest)
+
+    cdef Correspondences at(self, pose):
+        """Look up the lines of all key frames on which the points of the scan at a `pose` lie.
+
+        Points of high leverage are looked up in every key frame. The others, where a scan has many, are split into
+        subsets; each subset is looked up in several key frames, and each key frame looks up one.
+        """
+        cdef const Py_ssize_t[:, ::1] chosen
+        cdef Correspondences found
         cdef Py_ssize_t k
-        for k in range(self.own.size):
-            self.turned[0, k], self.turned[1, k] = rotated(turn, self.own.points[k]), rotated(turn, self.own.normals[k])
+        if self.subsets is None:
+            self.subsets = look_up_subsets(high_leverage(self.own.normals), self.own.beams_view, self.slots.count,
+                                           self.density.max_points // SUBSETS)
+        chosen = self.subsets
+        found = Correspondences(pose, self.own.size, self.slots.count * chosen.shape[1])
+        self.turn(pose)
+        for k in range(self.slots.count):
+            found.count += self.add(k, chosen[k % chosen.shape[0]], &found.pairs[found.count])
+        return found
 
-    cdef int add(self, Py_ssize_t frame, const Py_ssize_t[::1] lookup) except -1 nogil:
-        """Add the pairs of points and nearest lines of a key frame whose normals agree and that lie side by side."""
-        cdef FieldArrays *field
-        cdef Py_ssize_t i, p, at
-        cdef double complex turn = self.turns[frame, 0], shift = self.here - self.origins[frame, 0], normal, line
-        cdef double dx, dy, error
-        if frame >= self.tables.count or self.count + lookup.shape[0] > self.most:
-            raise IndexError('more key frames or pairs than expected')
-        field = &self.tables.fields[frame]
-        if not find_nearest(field, turn, shift, lookup, self.turned, self.nearest):
-            raise IndexError('a look-up of a point that the scan has not')
-        for i in range(lookup.shape[0]):
-            p, at = lookup[i], self.nearest[i]
+    cdef int turn(self, pose) except -1:
+        """Rotate points and normals to a `pose` of the scan in the odometry frame."""
+        cdef double c = cos(pose.theta), s = sin(pose.theta)
+        cdef double complex point, normal
+        cdef Py_ssize_t k
+        self.x, self.y = pose.x, pose.y
+        for k in range(self.own.size):
+            point, normal = self.own.points_view[k], self.own.normals_view[k]
+            self.turned[k] = Turned(c * point.real - s * point.imag, c * point.imag + s * point.real,
+                                    c * normal.real - s * normal.imag, c * normal.imag + s * normal.real)
+        return 0
+
+    cdef Py_ssize_t add(self, Py_ssize_t frame, const Py_ssize_t[::1] chosen, Pair *pairs) except -1 nogil:
+        """Write the pairs of `chosen` points and nearest lines of a key frame; return their number.
+
+        The normals of a pair agree, and the point lies beside the piece of line. No look-up depends on another or on a
+        condition, so that many are under way at a time.
+        """
+        cdef Slot *slot = &self.slots.slots[frame]
+        cdef FieldArrays *field = &slot.field
+        cdef Turned *turned
+        cdef Pair *pair
+        cdef Py_ssize_t i, p, at, count = 0
+        cdef double x = self.x - slot.x, y = self.y - slot.y, dx, dy, nx, ny, noise
+        cdef double complex line
+        if frame >= self.slots.count or chosen.shape[0] > self.own.size:
+            raise IndexError('more key frames or points than expected')
+        for i in range(chosen.shape[0]):
+            if not 0 <= chosen[i] < self.own.size:
+                raise IndexError('a look-up of a point that the scan has not')
+            turned = &self.turned[chosen[i]]
+            dx, dy = turned.x + x, turned.y + y
+            self.nearest[i] = entry(field, slot.c * dx - slot.s * dy, slot.s * dx + slot.c * dy)
+        for i in range(chosen.shape[0]):
+            p, at = chosen[i], self.nearest[i]
             if at >= field.size:
                 raise IndexError('a table with an index of no point')
             line = field.normals[at]
             if line.real == 0.0 and line.imag == 0.0:
                 continue
+            turned = &self.turned[p]
             # The conjugated normal in the odometry frame; that of no point is 0.
-            normal = rotated(line, turn)
-            if not normal.real * self.turned[1, p].real - normal.imag * self.turned[1, p].imag > self.min_cosine:
+            nx, ny = line.real * slot.c - line.imag * slot.s, line.real * slot.s + line.imag * slot.c
+            if not nx * turned.nx - ny * turned.ny > self.min_cosine:
                 continue
-            dx, dy = self.turned[0, p].real + shift.real, self.turned[0, p].imag + shift.imag
-            if not fabs(normal.real * dy + normal.imag * dx - field.along[at]) <= field.extents[at]:
+            dx, dy = turned.x + x, turned.y + y
+            if not fabs(nx * dy + ny * dx - field.along[at]) <= field.extents[at]:
                 continue
-            self.number[0, self.count], self.number[1, self.count] = frame, p
-            self.vector[0, self.count] = self.turned[0, p]
-            self.vector[1, self.count] = normal * self.own.inverse_noise[p]
-            error = normal.real * dx - normal.imag * dy - field.offsets[at]
-            self.error[self.count] = error * self.own.inverse_noise[p]
-            self.count += 1
-        return 0
+            pair, noise = &pairs[count], self.own.inverse_noise_view[p]
+            pair.frame, pair.point, pair.e = frame, p, (nx * dx - ny * dy - field.offsets[at]) * noise
+            nx, ny = nx * noise, ny * noise
+            pair.a, pair.b, pair.r = nx, -ny, -(nx * turned.y + ny * turned.x)
+            pair.x, pair.y, pair.given = turned.x, turned.y, self.own.weights_view[p]
+            count += 1
+        return count
 
 
-cdef bint find_nearest(FieldArrays *field, double complex turn, double complex shift, const Py_ssize_t[::1] lookup,
-                       const double complex[:, ::1] turned, Py_ssize_t[::1] nearest) noexcept nogil:
-    """Write the index of the point of a key frame nearest to each of the points; return whether all are valid.
-
-    No look-up depends on another or on a condition, so that many are under way at a time.
-    """
-    cdef Py_ssize_t i, p
-    cdef double x, y
-    if nearest.shape[0] < lookup.shape[0]:
-        return False
-    for i in range(lookup.shape[0]):
-        p = lookup[i]
-        if p < 0 or p >= turned.shape[1]:
-            return False
-        x, y = turned[0, p].real + shift.real, turned[0, p].imag + shift.imag
-        nearest[i] = entry(field, turn.real * x - turn.imag * y, turn.imag * x + turn.real * y)
-    return True
+def look_up_correspondences(window, pose, points, density):
+    """Return the `Correspondences` of the `points` of a scan at a `pose` with all key frames of a window."""
+    return ScanLookup(window.slots, points, density).at(pose)
 
 
-def look_up_pairs(stack, poses, pose, points, const Py_ssize_t[:, ::1] lookup, double min_cosine):
-    """Look up the lines of key frame k that the points ``lookup[k]`` of a scan at `pose` lie on.
-
-    Parameters
-    ----------
-    stack : LikelihoodFieldStack
-        Of K key frames.
-    poses : FramePoses
-        Of the same key frames.
-    pose : SE2
-        Pose of the scan in the odometry frame.
-    points : OrientedPoints
-        P points of the scan.
-    lookup : (K, N) int
-        Indices of points.
-    min_cosine : float
-        Least cosine of the angle between the normals of a pair.
-
-    Returns
-    -------
-    Pairs
-    """
-    cdef Py_ssize_t k, count
-    cdef PairFinder finder = PairFinder(stack, poses, pose, points, min_cosine, lookup.shape[1],
-                                        lookup.shape[0] * lookup.shape[1])
-    if lookup.shape[0] != finder.tables.count:
-        raise IndexError('a look-up for another number of key frames')
-    with nogil:
-        for k in range(lookup.shape[0]):
-            finder.add(k, lookup[k])
-    count = finder.count
-    return Pairs(*finder.numbers[:, :count], *finder.vectors[:, :count], finder.errors[:count])
-
-
-def confirm(window, pose, points, double distance, double scale, double min_cosine):
-    """Rate how static points are: points on the lines of key frames from other positions are static.
-
-    Parameters
-    ----------
-    window : KeyFrameWindow
-    pose : SE2
-        Pose of the scan in the odometry frame.
-    points : OrientedPoints
-        P points of the scan.
-    distance : float [m]
-        Least distance between the sensor and a key frame that is used.
-    scale : float [m]
-        Scale of the kernel of the distances between points and lines.
-    min_cosine : float
-        Least cosine of the angle between the normals of a point and of its line.
-
-    Returns
-    -------
-    (P,) float
-        Largest kernel value of each point over all key frames that are used, from 0 to 1.
-    """
-    cdef Py_ssize_t size = len(points), k, i
-    cdef PairFinder finder = PairFinder(window.fields, window.poses, pose, points, min_cosine, size, size)
-    cdef const Py_ssize_t[::1] every = np.arange(size)
-    cdef double factor = -0.5 / (scale * scale)
-    confirmed = np.zeros(size)
-    cdef double[::1] largest = confirmed
-    with nogil:
-        for k in range(finder.tables.count):
-            if modulus(finder.origins[k, 0] - finder.here) <= distance:
-                continue
-            finder.count = 0
-            finder.add(k, every)
-            for i in range(finder.count):
-                largest[finder.number[1, i]] = max(largest[finder.number[1, i]],
-                                                   exp(factor * finder.error[i] * finder.error[i]))
-    return confirmed
-
-
-def points_by_frame(const unsigned char[::1] in_every_frame, const Py_ssize_t[::1] beams, Py_ssize_t frame_count,
+def look_up_subsets(const unsigned char[::1] in_every_frame, const Py_ssize_t[::1] beams, Py_ssize_t frame_count,
                     Py_ssize_t subset_size):
-    """Choose the points that are looked up in each key frame.
+    """Choose the points that are looked up in each key frame: key frame k looks up subset k modulo S.
 
     The subset of a point depends on its beam, so that one point more or less does not change the subsets of the others.
 
@@ -231,37 +186,82 @@ def points_by_frame(const unsigned char[::1] in_every_frame, const Py_ssize_t[::
 
     Returns
     -------
-    (frame_count, N) int
+    (S, N) int
         Indices of points. Subsets are padded to equal size with points of their own.
     """
-    cdef Py_ssize_t size = in_every_frame.shape[0], others = 0, always = 0, k, i, j, subset, most = 0, subsets
+    cdef Py_ssize_t size = in_every_frame.shape[0], others = 0, always = 0, i, j, subset, most = 0, subsets
     for i in range(size):
         others += not in_every_frame[i]
-    always = size - others
     subsets = max(min(frame_count // MIN_FRAMES_PER_POINT, (others + subset_size - 1) // subset_size), 1)
-    cdef Py_ssize_t[::1] count = np.zeros(subsets, np.intp)
+    cdef Py_ssize_t[::1] own = np.full(size, -1, np.intp), count = np.zeros(subsets, np.intp)
     for i in range(size):
         if not in_every_frame[i]:
-            count[beams[i] % subsets] += 1
+            own[i] = <unsigned int> beams[i] % <unsigned int> subsets
+            count[own[i]] += 1
     for subset in range(subsets):
         most = max(most, count[subset])
-    chosen = np.empty((frame_count, always + most), np.intp)
+    chosen = np.empty((subsets, size - others + most), np.intp)
     cdef Py_ssize_t[:, ::1] row = chosen
-    cdef bint any_point
-    for k in range(min(frame_count, subsets)):
-        subset, j = k, 0
+    cdef Py_ssize_t[::1] end = np.zeros(subsets, np.intp)
+    with nogil:
         for i in range(size):
-            if in_every_frame[i]:
-                row[k, j] = i
-                j += 1
-        any_point = count[subset] == 0
+            if own[i] < 0:
+                for subset in range(subsets):
+                    row[subset, always] = i
+                always += 1
         for i in range(size):
-            if j < always + most and not in_every_frame[i] and (any_point or beams[i] % subsets == subset):
-                row[k, j] = i
-                j += 1
-        for i in range(j, always + most):
-            row[k, i] = row[k, i - count[subset]]
-    # Each subset is looked up in several key frames.
-    for k in range(subsets, frame_count):
-        row[k, :] = row[k - subsets, :]
+            if own[i] >= 0:
+                row[own[i], always + end[own[i]]] = i
+                end[own[i]] += 1
+        for subset in range(subsets):
+            j = always + count[subset]
+            for i in range(size):
+                if count[subset] == 0 and own[i] >= 0 and j < always + most:
+                    row[subset, j] = i
+                    j += 1
+            for i in range(j, always + most):
+                row[subset, i] = row[subset, i - count[subset]]
     return chosen
+
+
+def confirm(window, pose, points, double distance, double scale, density):
+    """Rate how static points are: points on the lines of key frames from other positions are static.
+
+    Parameters
+    ----------
+    window : KeyFrameWindow
+    pose : SE2
+        Pose of the scan in the odometry frame.
+    points : OrientedPoints
+        P points of the scan.
+    distance : float [m]
+        Least distance between the sensor and a key frame that is used.
+    scale : float [m]
+        Scale of the kernel of the distances between points and lines.
+    density : DensityParameters
+
+    Returns
+    -------
+    (P,) float
+        Largest kernel value of each point over all key frames that are used, from 0 to 1.
+    """
+    cdef Slots slots = window.slots
+    cdef ScanLookup lookup = ScanLookup(slots, points, density)
+    cdef Py_ssize_t size = lookup.own.size, k, i
+    cdef const Py_ssize_t[::1] every = np.arange(size)
+    cdef double factor = -0.5 / (scale * scale)
+    confirmed = np.zeros(size)
+    cdef double[::1] largest = confirmed
+    cdef Pair *pairs = <Pair *> malloc(max(size, 1) * sizeof(Pair))
+    if pairs == NULL:
+        raise MemoryError
+    try:
+        lookup.turn(pose)
+        for k in range(slots.count):
+            if length_of(slots.slots[k].x - lookup.x, slots.slots[k].y - lookup.y) <= distance:
+                continue
+            for i in range(lookup.add(k, every, pairs)):
+                largest[pairs[i].point] = max(largest[pairs[i].point], exp(factor * pairs[i].e * pairs[i].e))
+    finally:
+        free(pairs)
+    return confirmed

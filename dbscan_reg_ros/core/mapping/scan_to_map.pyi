@@ -1,17 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scan-to-map alignment: registers a scan to all key frames at once, and estimates covariance and observability."""
-from collections.abc import Sequence
-
-from ..features.oriented_points import OrientedPoints
 from ..features.records import Features
-from ..geometry.array_types import BoolArray, FloatArray
+from ..geometry.array_types import FloatArray
 from ..geometry.se2 import SE2
-from ..parameters.registration import DensityParameters
 from ..parameters.tree import Parameters
 from ..registration.residuals import Observability
-from .correspondences import Correspondences, PosePrior
+from .correspondences import Correspondences
 from .key_frame_window import KeyFrameWindow
-from .observability import InitialAlignment
+from .records import InitialAlignment, PosePrior
 
 def align_to_map(
     window: KeyFrameWindow,
@@ -21,15 +17,10 @@ def align_to_map(
     p: Parameters,
     coarse: KeyFrameWindow | None = None,
 ) -> tuple[SE2, Correspondences]: ...
-def look_up_correspondences(
-    window: KeyFrameWindow, pose: SE2, points: OrientedPoints, density: DensityParameters
-) -> Correspondences: ...
-def align(
-    correspondences: Correspondences, start: SE2, prior: PosePrior, scales: Sequence[float], damping: float
-) -> SE2: ...
-def weighted_by_agreement(
-    correspondences: Correspondences, own: Correspondences, is_own: BoolArray, scale: float, noise: float
-) -> Correspondences: ...
 def alignment_uncertainty(
-    features: Features, pose: SE2, correspondences: Correspondences, initial: InitialAlignment, p: Parameters
+    features: Features, pose: SE2, found: Correspondences, initial: InitialAlignment, p: Parameters
 ) -> tuple[FloatArray, Observability]: ...
+def information_along(features: Features, pose: SE2, angle: float, p: Parameters) -> float: ...
+def sees_new_surface(
+    features: Features, pose: SE2, found: Correspondences, angle: float, p: Parameters
+) -> bool: ...

@@ -1,32 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
 """Scan-to-map alignment: registers a scan to all key frames at once, and estimates covariance and observability."""
-from dataclasses import replace
-
 import numpy as np
 
-from ..features.oriented_points import high_leverage
 from ..geometry import tolerance
-from ..geometry.se2 import SE2
-from .correspondences import Correspondences, PosePrior
-from .lookup import look_up_pairs, points_by_frame
-from .observability import strengthened
+from ..registration.uncertainty import degenerate_rotation, degenerate_translation, shared_information
+from .correspondences import align, weighted_by_agreement
+from .records import PosePrior
 
-from libc.math cimport cos, exp, fabs, sin
+from libc.math cimport cos, fabs, sin
 
+from ..features.oriented_points cimport OrientedPoints
 from ..geometry.plane cimport length_of, wrap
 from ..geometry.symmetric cimport Weakest, read_weakest
-from ..registration.point_to_line cimport Equations, add_row, product_imag, solve_step, write_equations
+from ..registration.point_to_line cimport Equations, write_equations
 from ..registration.uncertainty cimport covariance_of, is_corridor_like, turned, write_parallel
-from ..registration.views cimport PointViews, views_of
+from .correspondences cimport Correspondences, Pair
+from .lookup cimport ScanLookup
 
 cdef double TINY = tolerance.TINY
 # A direction is well constrained if its information is at least this fraction of the information across it.
 cdef double WELL_CONSTRAINED = 0.02
 # If the points move by more than this ratio of the cell size on average, correspondences are looked up again.
 cdef double MAX_DISPLACEMENT = 0.25
-# The size of a subset of points is about `density.max_points` divided by this number.
-cdef Py_ssize_t SUBSETS = 3
+# At least this fraction of the points' information is assumed to be shared by both scans.
+cdef double MIN_SHARED_RATIO = 1e-3
 
 
 def align_to_map(window, features, initial, prior, p, coarse=None):
@@ -59,38 +57,39 @@ def align_to_map(window, features, initial, prior, p, coarse=None):
     noise = max(p.refinement.map_scale, features.noise)
     information = noise ** 2 * turned(prior.information, prior.pose.theta)
     pose = prior.pose if initial.rotation_unobservable else initial.pose
-    found = find_correspondences(coarse, pose, points, direction, p)
+    lookup = ScanLookup(coarse.slots, points, p.density)
+    found = find_correspondences(lookup, pose, direction, p)
     if direction is not None or initial.rotation_unobservable:
-        information = strengthened(information, features, found, initial, p)
+        information = strengthened(information, points, found, initial, p)
     prior = PosePrior(prior.pose, information)
     pose = align(found, pose, prior, scales[:last], damping)
     # The nearest lines of dense points change with small steps, those of sparse points hardly.
     cell = p.density.cell_size
     if (coarse is not window or len(points) > p.density.max_points
             or displacement(found, pose) > MAX_DISPLACEMENT * cell):
-        own, found = found, find_correspondences(window, pose, points, direction, p)
-        if coarse is not window:
-            found = weighted_by_agreement(found, own, window.is_in(coarse), p.refinement.map_first_scale, noise)
+        if coarse is window:
+            found = find_correspondences(lookup, pose, direction, p)
+        else:
+            own, found = found, find_correspondences(ScanLookup(window.slots, points, p.density), pose, direction, p)
+            weighted_by_agreement(found, own, window.is_in(coarse), p.refinement.map_first_scale, noise)
     return align(found, pose, prior, scales[last:], damping), found
 
 
-cdef find_correspondences(window, pose, points, direction, p):
+cdef Correspondences find_correspondences(ScanLookup lookup, pose, direction, p):
     """Look up correspondences; near-parallel walls count as parallel to the degenerate `direction` [rad], if any.
 
     Without one, the direction that is constrained least is used, if it is weakly constrained.
     """
-    found = look_up_correspondences(window, pose, points, p.density)
-    cdef double[:, ::1] rows = found.rows, information = np.empty((4, 4))
-    cdef double[::1] error = np.empty(rows.shape[1]), weight = np.empty(rows.shape[1])
-    cdef double[4] step = [0.0, 0.0, 0.0, 1.0]
-    cdef double across, least, angle
+    cdef Correspondences found = lookup.at(pose)
+    cdef double[:, ::1] information = np.empty((4, 4))
+    cdef double[3] step = [0.0, 0.0, 0.0]
     cdef double[3] motion
+    cdef double across, least, angle
     cdef Equations sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     cdef Weakest weakest
+    cdef Pair *pair
     cdef Py_ssize_t k
-    weigh(rows, found.index, found.size, found.weights, step, p.refinement.map_first_scale, error, weight)
-    for k in range(rows.shape[1]):
-        add_row(&sums, weight[k], rows[0, k], rows[1, k], rows[2, k], rows[3, k])
+    found.add(step, p.refinement.map_first_scale, &sums)
     write_equations(&sums, &information[0, 0])
     if direction is None:
         read_weakest(information, &weakest)
@@ -102,153 +101,90 @@ cdef find_correspondences(window, pose, points, direction, p):
         return found
     least = p.degeneracy.parallel_tolerance
     write_parallel(angle, information, p.decision.min_information, motion)
-    for k in range(rows.shape[1]):
-        across = motion[0] * rows[0, k] + motion[1] * rows[1, k] + motion[2] * rows[2, k]
-        if fabs(across) < least * length_of(rows[0, k], rows[1, k]):
-            rows[0, k], rows[1, k] = rows[0, k] - motion[0] * across, rows[1, k] - motion[1] * across
+    for k in range(found.count):
+        pair = &found.pairs[k]
+        across = motion[0] * pair.a + motion[1] * pair.b + motion[2] * pair.r
+        if fabs(across) < least * length_of(pair.a, pair.b):
+            pair.a, pair.b = pair.a - motion[0] * across, pair.b - motion[1] * across
     return found
 
 
-def look_up_correspondences(window, pose, points, density):
-    """Look up the lines of all key frames that the `points` of a scan at `pose` (odometry frame) lie on.
+cdef strengthened(const double[:, ::1] information, OrientedPoints points, Correspondences found, initial, p):
+    """Strengthen the prior's `information` ``(3, 3)`` along degenerate motions.
 
-    Points of high leverage are looked up in every key frame. The others, where a scan has many, are split into
-    subsets; each subset is looked up in several key frames, and each key frame looks up one.
+    The points seem to constrain a degenerate motion, but mostly due to noise of their normals. To compensate, the
+    prior's information is multiplied by the ratio of all information of the points to the part that both scans share.
     """
-    lookup = points_by_frame(high_leverage(points.normals), points.beams, len(window.frames),
-                             density.max_points // SUBSETS)
-    frame, index, turned_points, lines, error = look_up_pairs(window.fields, window.poses, pose, points, lookup,
-                                                              density.min_normal_cosine)
-    cdef const double complex[::1] rotated_point = turned_points, normal = lines
-    cdef const double[::1] off = error
-    cdef Py_ssize_t k
-    table = np.empty((4, len(index)))
-    cdef double[:, ::1] rows = table
-    with nogil:
-        for k in range(normal.shape[0]):
-            rows[0, k], rows[1, k] = normal[k].real, -normal[k].imag
-            rows[2, k], rows[3, k] = -product_imag(normal[k], rotated_point[k]), off[k]
-    weights = None if points.weights is None else points.weights.take(index)
-    return Correspondences(pose, len(points), frame, index, turned_points, table, weights)
+    cdef double[:, ::1] seeming = np.empty((4, 4)), shared, table, result = np.array(information)
+    cdef double[3] step = [0.0, 0.0, 0.0]
+    cdef Equations sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    found.add(step, p.refinement.map_first_scale, &sums)
+    write_equations(&sums, &seeming[0, 0])
+    table = residuals(found, points, step, found.pose.theta)
+    shared = shared_information(table[2:5], table[1], table[5:])
+    if initial.direction is not None:
+        strengthen(information, seeming, shared, degenerate_translation(initial.direction, shared, p.decision), result)
+    if initial.rotation_unobservable:
+        strengthen(information, seeming, shared, degenerate_rotation(seeming, shared, p.decision), result)
+    return np.asarray(result)
 
 
-def align(correspondences, start, prior, scales, double damping):
-    """Align a scan with all key frames by robust point-to-line iterations, one for each of the `scales` [m].
-
-    Parameters
-    ----------
-    correspondences : Correspondences
-        Of the scan at a pose nearby.
-    start : SE2
-        Initial pose in the odometry frame.
-    prior : PosePrior
-        Information in the odometry frame, in units of one point's.
-    scales : sequence of float [m]
-        Scales of the kernel.
-    damping : float
-        As for `symmetric_matrix.solve`.
-    """
-    pose = correspondences.pose
-    cdef const double[:, ::1] rows = correspondences.rows, known = prior.information
-    cdef const Py_ssize_t[::1] index = correspondences.index
-    cdef double[::1] error = np.empty(rows.shape[1]), weight = np.empty(rows.shape[1])
-    cdef double[4] step = [start.x - pose.x, start.y - pose.y, wrap(start.theta - pose.theta), 1.0]
-    cdef double x = pose.x - prior.pose.x, y = pose.y - prior.pose.y, t = wrap(pose.theta - prior.pose.theta)
-    cdef Py_ssize_t k
-    cdef double[3] found
-    cdef Equations sums
-    for scale in scales:
-        weigh(rows, index, correspondences.size, correspondences.weights, step, scale, error, weight)
-        sums = Equations(known[0, 0], known[0, 1], known[0, 2], known[0, 0] * x + known[0, 1] * y + known[0, 2] * t,
-                         known[1, 1], known[1, 2], known[1, 0] * x + known[1, 1] * y + known[1, 2] * t,
-                         known[2, 2], known[2, 0] * x + known[2, 1] * y + known[2, 2] * t, 0.0)
-        for k in range(rows.shape[1]):
-            add_row(&sums, weight[k], rows[0, k], rows[1, k], rows[2, k], rows[3, k])
-        solve_step(&sums, damping, found)
-        step[0], step[1], step[2] = -found[0], -found[1], -found[2]
-    return SE2(pose.x + step[0], pose.y + step[1], wrap(pose.theta + step[2]))
-
-
-cdef int weigh(const double[:, ::1] rows, const Py_ssize_t[::1] index, Py_ssize_t points, given, double *step,
-               double scale, double[::1] error, double[::1] weight) except -1:
-    """Write the errors and weights of the pairs after a step; `given` weights multiply them."""
-    cdef double[::1] total = np.zeros(points)
-    cdef const double[::1] own = weight if given is None else given
-    cdef bint weighted = given is not None
-    cdef Py_ssize_t k
-    cdef double factor = -0.5 / (scale * scale)
-    with nogil:
-        for k in range(rows.shape[1]):
-            error[k] = step[0] * rows[0, k] + step[1] * rows[1, k] + step[2] * rows[2, k] + step[3] * rows[3, k]
-            weight[k] = exp(factor * error[k] * error[k])
-            total[index[k]] += weight[k]
-        for k in range(rows.shape[1]):
-            weight[k] /= max(total[index[k]], 1.0)
-            if weighted:
-                weight[k] *= own[k]
+cdef int strengthen(const double[:, ::1] information, const double[:, ::1] seeming, const double[:, ::1] shared,
+                    const double[::1] motion, double[:, ::1] result) except -1:
+    """Add to `result` what `strengthened` adds for one `motion`."""
+    cdef double total = 0.0, common = 0.0, along = 0.0, ratio = 1.0, factor
+    cdef double[3] gradient = [0.0, 0.0, 0.0]
+    cdef Py_ssize_t i, j
+    for i in range(3):
+        for j in range(3):
+            gradient[i] += information[i, j] * motion[j]
+            total += motion[i] * seeming[i, j] * motion[j]
+            common += motion[i] * shared[i, j] * motion[j]
+        along += motion[i] * gradient[i]
+    if total > 0.0:
+        ratio = total / max(common, MIN_SHARED_RATIO * total)
+    factor = max(ratio - 1.0, 0.0) / max(along, TINY)
+    for i in range(3):
+        for j in range(3):
+            result[i, j] += factor * gradient[i] * gradient[j]
     return 0
 
 
-def weighted_by_agreement(correspondences, own, const unsigned char[::1] is_own, double scale, double noise):
-    """Weight the pairs with key frames of other lidars by their agreement with the key frames of the own lidar.
+cdef double[:, ::1] residuals(Correspondences found, OrientedPoints points, const double *step, double theta):
+    """Return ``(8, M)``: error, weight and Jacobian of the pairs after a `step`, and the Jacobian of their points.
 
-    Parameters
-    ----------
-    correspondences : Correspondences
-        Of the scan with the key frames of all lidars.
-    own : Correspondences
-        Of the scan with those of its own lidar, at a pose nearby.
-    is_own : (K,) bool
-        Which key frames are those of the own lidar.
-    scale : float [m]
-        Of the kernel in the mean errors.
-    noise : float [m]
-        Standard deviation of an error.
+    The latter is computed with the points' own normals, of a scan with the heading `theta` [rad].
     """
-    cdef const double[:, ::1] rows = correspondences.rows, own_rows = own.rows
-    cdef const double[::1] step = own.step(correspondences.pose)
-    cdef const Py_ssize_t[::1] index = correspondences.index, frame = correspondences.frame, own_index = own.index
-    cdef Py_ssize_t k, p
-    cdef double factor = -0.5 / (scale * scale), e, w, apart
-    # Of the pairs of each point with other and with own key frames: sum of the weights, and of the weighted errors.
-    cdef double[:, ::1] sums = np.zeros((4, correspondences.size))
-    weights = np.ones(rows.shape[1]) if correspondences.weights is None else correspondences.weights.copy()
-    cdef double[::1] weight = weights, agreement = np.empty(correspondences.size)
+    cdef double[:, ::1] table = np.empty((8, found.count))
+    cdef double c = cos(theta), s = sin(theta), x, y
+    cdef Pair *pair
+    cdef Py_ssize_t k
     with nogil:
-        for k in range(rows.shape[1]):
-            if not is_own[frame[k]]:
-                e, p = rows[3, k], index[k]
-                w = exp(factor * e * e)
-                sums[0, p] += w
-                sums[1, p] += w * e
-        for k in range(own_rows.shape[1]):
-            e = step[0] * own_rows[0, k] + step[1] * own_rows[1, k] + step[2] * own_rows[2, k] + own_rows[3, k]
-            p, w = own_index[k], exp(factor * e * e)
-            sums[2, p] += w
-            sums[3, p] += w * e
-        for p in range(agreement.shape[0]):
-            sums[0, p], sums[2, p] = max(sums[0, p], TINY), max(sums[2, p], TINY)
-            apart = (sums[1, p] / sums[0, p] - sums[3, p] / sums[2, p]) / noise
-            agreement[p] = exp(-0.5 * apart * apart / (1.0 / sums[0, p] + 1.0 / sums[2, p]))
-        for k in range(rows.shape[1]):
-            if not is_own[frame[k]]:
-                weight[k] *= agreement[index[k]]
-    return replace(correspondences, weights=weights)
+        for k in range(found.count):
+            pair = &found.pairs[k]
+            x = points.normals_view[pair.point].real * points.inverse_noise_view[pair.point]
+            y = points.normals_view[pair.point].imag * points.inverse_noise_view[pair.point]
+            table[0, k] = step[0] * pair.a + step[1] * pair.b + step[2] * pair.r + pair.e
+            table[1, k], table[2, k], table[3, k], table[4, k] = pair.weight, pair.a, pair.b, pair.r
+            table[5, k], table[6, k] = c * x - s * y, s * x + c * y
+            table[7, k] = pair.x * table[6, k] - pair.y * table[5, k]
+    return table
 
 
-cdef double displacement(found, other) except? -1.0:
+cdef double displacement(Correspondences found, other) except? -1.0:
     """Return the mean distance [m] by which the points move from the pose of the correspondences to another pose."""
-    cdef const double complex[::1] points = found.rotated_points
     pose = found.pose
     cdef double dx = other.x - pose.x, dy = other.y - pose.y, t = wrap(other.theta - pose.theta)
     cdef double c = cos(t) - 1.0, s = sin(t), total = 0.0
+    cdef Pair *pair
     cdef Py_ssize_t k
-    for k in range(points.shape[0]):
-        total += length_of(dx + c * points[k].real - s * points[k].imag, dy + s * points[k].real + c * points[k].imag)
-    return total / max(points.shape[0], 1)
+    for k in range(found.count):
+        pair = &found.pairs[k]
+        total += length_of(dx + c * pair.x - s * pair.y, dy + s * pair.x + c * pair.y)
+    return total / max(found.count, 1)
 
 
-def alignment_uncertainty(features, pose, correspondences, initial, p):
+def alignment_uncertainty(features, pose, Correspondences found, initial, p):
     """Estimate covariance and observability of a scan aligned at `pose`.
 
     Returns
@@ -258,21 +194,55 @@ def alignment_uncertainty(features, pose, correspondences, initial, p):
     observability : Observability
         Directions in the odometry frame.
     """
-    rows, start = correspondences.rows, correspondences.pose
-    cdef PointViews views = views_of(features.oriented_points)
-    cdef const double complex[::1] rotated_point = correspondences.rotated_points
-    cdef const Py_ssize_t[::1] index = correspondences.index
-    cdef Py_ssize_t size = index.shape[0], k
-    cdef double[::1] error = np.empty(size), weight = np.empty(size)
-    cdef double[:, ::1] own = np.empty((3, size))
-    cdef double[4] step = [pose.x - start.x, pose.y - start.y, wrap(pose.theta - start.theta), 1.0]
-    cdef double theta = pose.theta, c = cos(theta), s = sin(theta), x, y
-    weigh(rows, index, correspondences.size, correspondences.weights, step, p.refinement.score_scale, error, weight)
-    with nogil:
-        for k in range(size):
-            x = views.normals[index[k]].real * views.inverse_noise[index[k]]
-            y = views.normals[index[k]].imag * views.inverse_noise[index[k]]
-            own[0, k], own[1, k] = c * x - s * y, s * x + c * y
-            own[2, k] = rotated_point[k].real * own[1, k] - rotated_point[k].imag * own[0, k]
-    return covariance_of(error, weight, rows[:3], own, features.noise, p.decision, theta,
+    cdef double[:, ::1] table
+    start = found.pose
+    cdef double[3] step = [pose.x - start.x, pose.y - start.y, wrap(pose.theta - start.theta)]
+    found.weigh(step, p.refinement.score_scale)
+    table = residuals(found, features.oriented_points, step, pose.theta)
+    return covariance_of(table[0], table[1], table[2:5], table[5:], features.noise, p.decision, pose.theta,
                          initial.direction is not None, initial.rotation_unobservable)
+
+
+def information_along(features, pose, double angle, p):
+    """Return the information of the points of a scan at `pose` about the translation along `angle` [rad].
+
+    That of points whose normal is nearly perpendicular to this direction is zero.
+    """
+    cdef OrientedPoints points = features.oriented_points
+    cdef double turn = pose.theta - angle, least = p.translation.min_crossing_sine, total = 0.0
+    cdef double c = cos(turn), s = sin(turn)
+    cdef Py_ssize_t k
+    for k in range(points.size):
+        total += point_information(points, k, c, s, least)
+    return total
+
+
+cdef inline double point_information(OrientedPoints points, Py_ssize_t k, double c, double s, double least) except -1.0:
+    """Return the information of one point along a direction, given by its angle from the heading of the scan."""
+    cdef double along = points.normals_view[k].real * c - points.normals_view[k].imag * s
+    if fabs(along) < least:
+        return 0.0
+    along *= points.inverse_noise_view[k]
+    return along * along * points.weights_view[k]
+
+
+def sees_new_surface(features, pose, Correspondences found, double angle, p):
+    """Whether points on surfaces that no key frame contains would constrain the translation along `angle` [rad].
+
+    They must provide at least half of all information along this degenerate direction, because noise makes a few
+    points of every wall seem new.
+    """
+    cdef OrientedPoints points = features.oriented_points
+    cdef double[::1] known = np.zeros(points.size)
+    cdef double turn = pose.theta - angle, least = p.translation.min_crossing_sine, one, total = 0.0, new = 0.0
+    cdef double c = cos(turn), s = sin(turn)
+    cdef double[3] step = [pose.x - found.pose.x, pose.y - found.pose.y, wrap(pose.theta - found.pose.theta)]
+    cdef Py_ssize_t k
+    found.weigh(step, p.refinement.map_first_scale)
+    for k in range(found.count):
+        known[found.pairs[k].point] += found.pairs[k].weight
+    for k in range(points.size):
+        one = point_information(points, k, c, s, least)
+        total += one
+        new += (1.0 - known[k]) * one
+    return new >= max(p.decision.min_information, 0.5 * total)

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.se2 import SE2
-from ..mapping.correspondences import Correspondences, PosePrior
+from ..mapping.correspondences import Correspondences
 from ..mapping.key_frame_window import KeyFrameWindow
-from ..mapping.observability import InitialAlignment
+from ..mapping.records import InitialAlignment, PosePrior
 from ..mapping.scan_to_map import align_to_map, alignment_uncertainty
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Registration

@@ -7,7 +7,7 @@ window before the latest key frame.
 import math
 
 from ..mapping.key_frame_window import KeyFrameWindow
-from ..mapping.observability import sees_new_surface
+from ..mapping.scan_to_map import sees_new_surface
 from ..parameters.tree import Parameters
 from .alignment import Aligned
 from .references import Match

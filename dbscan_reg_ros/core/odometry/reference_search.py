@@ -8,7 +8,7 @@ from ..features.records import Features
 from ..geometry.ties import first_largest
 from ..mapping.dynamic_points import without_dynamic_points
 from ..mapping.key_frame import KeyFrame
-from ..mapping.observability import information_along
+from ..mapping.scan_to_map import information_along
 from ..parameters.tree import Parameters
 from ..registration.pipeline import register, register_within_gate
 from ..registration.records import Prior, Registration, Status
@@ -142,8 +142,8 @@ class ReferenceSearch:
             return match.verdict.decision is Decision.ACCEPT
         if match.registration.rotation_unobservable or match.unresolved_direction is None:
             return True
-        information = information_along(match.features, match.pose, match.unresolved_direction, self._parameters).sum()
-        return bool(information < self._parameters.decision.min_information)
+        information = information_along(match.features, match.pose, match.unresolved_direction, self._parameters)
+        return information < self._parameters.decision.min_information
 
     def _match(self, reference: Reference, static: Features, tentative: Match | None) -> Match:
         """Register the `static` points to one reference, and let the gate decide on the result."""

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from ..features.records import Features
 from ..geometry.se2 import SE2
 from ..geometry.symmetric_matrix import IDENTITY, inverse
-from ..mapping.correspondences import PosePrior
 from ..mapping.key_frame import KeyFrame
 from ..mapping.key_frame_window import KeyFrameWindow, latest_frames
+from ..mapping.records import PosePrior
 from ..parameters.tree import Parameters
 from ..registration.records import Prior, Status
 from ..registration.status import observability_ratio

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Residuals of a scan's points on the lines of a reference, and what they constrain."""
-import cmath
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +9,6 @@ from ..features.oriented_points import OrientedPoints, spacing
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
 from ..geometry.robust_kernel import kernel
 from ..geometry.se2 import DOF, unit_complex
-from ..parameters.registration import DecisionParameters
 
 
 def origins(candidates: FloatArray) -> ComplexArray:
@@ -94,9 +91,6 @@ def linear_residuals(error: FloatArray, normals: ComplexArray, rotated_points: C
     return rows
 
 
-NO_STEP = np.append(np.zeros(DOF), 1.0)
-
-
 def normal_equations(rows: FloatArray, weight: FloatArray) -> FloatArray:
     """Return the weighted squares ``(..., 4, 4)`` of `linear_residuals`.
 
@@ -106,24 +100,6 @@ def normal_equations(rows: FloatArray, weight: FloatArray) -> FloatArray:
     """
     equations: FloatArray = (rows * weight[..., None, :]) @ rows.swapaxes(-1, -2)
     return equations
-
-
-def shared_information(rows: FloatArray, weight: FloatArray, own: FloatArray) -> FloatArray:
-    """Return the information ``(3, 3)`` of points with unit standard deviation, as far as it is shared by both scans.
-
-    Each product combines the normal of the line with the normal of the point itself. Independent noise of the two
-    normals cancels, so that a smooth wall does not seem to constrain the motion along the wall. The result may be
-    indefinite if there is only noise.
-
-    Parameters
-    ----------
-    rows, own : (3, P) arrays
-        `jacobian` computed with the normals of the lines, and computed with the normals of the points themselves.
-    weight : (P,) array
-    """
-    product = (rows * weight) @ own.T
-    information: FloatArray = 0.5 * (product + product.T)
-    return information
 
 
 class Alignment(NamedTuple):
@@ -183,40 +159,6 @@ class Residuals(NamedTuple):
     rows: FloatArray
     own: FloatArray
     noise: float
-
-
-def own_jacobian(normals: ComplexArray, theta: float, rotated_points: ComplexArray) -> FloatArray:
-    """Return the `jacobian` ``(3, P)`` from the `normals` (complex) of the points, rotated by `theta` [rad]."""
-    return jacobian((cmath.rect(1.0, theta) * normals).conj(), rotated_points)
-
-
-def _rotation_information(shared: FloatArray, information: FloatArray,
-                          parameters: DecisionParameters) -> tuple[float, float, float]:
-    """Return the information about the rotation, and the translation (x, y) [m/rad] that compensates it best."""
-    (xx, xy, _), (_, yy, _), _ = information.tolist()
-    x, y, rotation = shared[2].tolist()
-    xx, yy = xx + parameters.min_information, yy + parameters.min_information
-    determinant = xx * yy - xy * xy
-    dx, dy = (xy * y - yy * x) / determinant, (xy * x - xx * y) / determinant
-    return rotation + dx * x + dy * y, dx, dy
-
-
-def degenerate_translation(angle: float, shared: FloatArray, parameters: DecisionParameters) -> FloatArray:
-    """Return ``(3,)``: a translation of 1 m along `angle` [rad], and the rotation [rad] coupled with it.
-
-    A direction may be degenerate only together with a rotation, as along the wall of a circular room. The rotation
-    follows from the `shared` information ``(3, 3)``.
-    """
-    (xx, xy, x), (_, yy, y), (_, _, rotation) = shared.tolist()
-    c, s = math.cos(angle), math.sin(angle)
-    rotates = min(c * c * xx + 2.0 * c * s * xy + s * s * yy, rotation) > parameters.min_information
-    return np.array([c, s, -(x * c + y * s) / rotation if rotates else 0.0])
-
-
-def degenerate_rotation(information: FloatArray, shared: FloatArray, parameters: DecisionParameters) -> FloatArray:
-    """Return ``(3,)``: a rotation of 1 rad, and the translation [m] coupled with it."""
-    _, dx, dy = _rotation_information(shared, information, parameters)
-    return np.array((dx, dy, 1.0))
 
 
 PRIOR_INFORMATION = np.array((0.01, 0.01, 0.1))

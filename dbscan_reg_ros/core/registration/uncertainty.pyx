@@ -74,6 +74,43 @@ def match_covariance(residuals, parameters, double theta, bint latest_degenerate
                          theta, latest_degenerate, rotation_unobservable)
 
 
+def shared_information(const double[:, :] rows, const double[::1] weight, const double[:, :] own):
+    """Return the information ``(3, 3)`` of points with unit standard deviation, as far as it is shared by both scans.
+
+    Each product combines the normal of the line with the normal of the point itself. Independent noise of the two
+    normals cancels, so that a smooth wall does not seem to constrain the motion along the wall. The result may be
+    indefinite if there is only noise.
+
+    Parameters
+    ----------
+    rows, own : (3, P) arrays
+        Jacobian of the errors computed with the normals of the lines, and computed with those of the points themselves.
+    weight : (P,) array
+    """
+    cdef double[3] motion = [0.0, 0.0, 0.0]
+    shared = np.zeros((3, 3))
+    add_shared(rows, own, weight, motion, 0.0, shared)
+    return shared
+
+
+def degenerate_translation(double angle, const double[:, ::1] shared, parameters):
+    """Return ``(3,)``: a translation of 1 m along `angle` [rad], and the rotation [rad] coupled with it.
+
+    A direction may be degenerate only together with a rotation, as along the wall of a circular room. The rotation
+    follows from the `shared` information ``(3, 3)``.
+    """
+    cdef double[3] along
+    write_degenerate(angle, shared, parameters.min_information, along)
+    return np.array((along[0], along[1], along[2]))
+
+
+def degenerate_rotation(const double[:, ::1] information, const double[:, ::1] shared, parameters):
+    """Return ``(3,)``: a rotation of 1 rad, and the translation [m] coupled with it."""
+    cdef double[3] turn
+    constrain_rotation(shared, information, parameters.min_information, turn)
+    return np.array((turn[1], turn[2], 1.0))
+
+
 cdef covariance_of(const double[::1] error, const double[::1] weight, const double[:, ::1] rows,
                    const double[:, ::1] own, double noise, parameters, double theta, bint latest_degenerate,
                    bint rotation_unobservable):
@@ -215,7 +252,7 @@ cdef turned(covariance, double theta):
     return result
 
 
-cdef int add_shared(const double[:, ::1] rows, const double[:, ::1] own, const double[::1] weight,
+cdef int add_shared(const double[:, :] rows, const double[:, :] own, const double[::1] weight,
                     const double *motion, double min_component, double[:, ::1] shared) except -1 nogil:
     """Add the symmetric part of the products of the lines' Jacobian and the points' own.
 

@@ -11,11 +11,12 @@ from rooms import look
 from dbscan_reg_ros import SE2, Parameters
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints, high_leverage
-from dbscan_reg_ros.core.mapping.correspondences import PosePrior
+from dbscan_reg_ros.core.mapping.correspondences import align, weighted_by_agreement
 from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
-from dbscan_reg_ros.core.mapping.scan_to_map import align, look_up_correspondences, weighted_by_agreement
-from dbscan_reg_ros.core.registration.residuals import NO_STEP, normal_equations
+from dbscan_reg_ros.core.mapping.lookup import look_up_correspondences
+from dbscan_reg_ros.core.mapping.records import PosePrior
+from dbscan_reg_ros.core.registration.residuals import normal_equations
 from dbscan_reg_ros.core.sensor import Sensor
 
 PARAMETERS = Parameters()
@@ -23,7 +24,7 @@ PARAMETERS = Parameters()
 
 def equations(found):
     """The normal equations (4, 4) of the pairs, without a step."""
-    return found.rows * found.match(NO_STEP, 0.1)[1] @ found.rows.T
+    return found.rows * found.match(found.pose, 0.1)[1] @ found.rows.T
 
 
 NO_PRIOR = PosePrior(SE2(), np.zeros((3, 3)))
@@ -154,8 +155,8 @@ def test_a_step_from_the_pose_of_the_correspondences_changes_their_errors():
     near, step = END @ SE2(0.02, -0.02, 0.01), SE2(0.004, 0.003, 0.002)
     there = SE2(near.x + step.x, near.y + step.y, near.theta + step.theta)
     before, after = (look_up_correspondences(views, pose, current.oriented_points, DENSITY) for pose in (near, there))
-    error, weight = before.match(before.step(there), 0.1)
-    at, weight_at = after.match(NO_STEP, 0.1)
+    error, weight = before.match(there, 0.1)
+    at, weight_at = after.match(there, 0.1)
     both, one, two = np.intersect1d(before.index, after.index, return_indices=True)
     assert len(both) > 0.95 * len(current.oriented_points)
     same = np.abs(before.rows[:2, one] - after.rows[:2, two]).max(axis=0) < 1e-9
@@ -193,8 +194,9 @@ def among_two_lidars(own_x, other_x):
     """Points of a scan at the origin, its pairs with key frames of two lidars, and the same weighted by agreement."""
     window = KeyFrameWindow([*seen_up_to(own_x), *seen_up_to(other_x, sensor=Sensor('other'))])
     points, own = seen_up_to(2.0, 1)[0].features.oriented_points, window.of_sensor('')
-    found, of_own = (look_up_correspondences(each, SE2(), points, DENSITY) for each in (window, own))
-    return points, found, weighted_by_agreement(found, of_own, window.is_in(own), 0.05, 0.01)
+    found, weighted, of_own = (look_up_correspondences(each, SE2(), points, DENSITY) for each in (window, window, own))
+    weighted_by_agreement(weighted, of_own, window.is_in(own), 0.05, 0.01)
+    return points, found, weighted
 
 
 def test_what_two_lidars_see_differently_does_not_displace_the_scan():

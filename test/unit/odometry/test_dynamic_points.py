@@ -47,7 +47,7 @@ def moving_beams(scan, frames, pose=THERE, margin=0.2, movable=()):
     """The beams of dynamic points; those of `movable` beams do not show that the pose is wrong."""
     features = extract_features(scan)
     beams = features.beams[features.normals.any(axis=1)]
-    moving = dynamic_points(features.oriented_points, pose, KeyFrameWindow(frames).free_space(len(frames)), margin,
+    moving = dynamic_points(features.oriented_points, pose, KeyFrameWindow(frames), len(frames), margin,
                             ~np.isin(beams, movable))
     return set(beams[moving].tolist())
 
@@ -161,10 +161,10 @@ def test_points_seen_from_elsewhere_at_the_same_place_are_static():
     scans = {pose: extract_features(look(outline(L_ROOM), pose, FULL)) for pose in (HERE, THERE)}
     window = KeyFrameWindow([KeyFrame(scans[HERE], HERE)])
     cloud, way = scans[THERE].oriented_points, math.hypot(THERE.x - HERE.x, THERE.y - HERE.y)
-    assert confirm(window, THERE, cloud, 0.9 * way, 0.1, 0.5).mean() > 0.9
-    assert not confirm(window, THERE, cloud, 1.1 * way, 0.1, 0.5).any()
-    assert confirm(window, THERE @ SE2(0.3, 0.3), cloud, 0.0, 0.1, 0.5).mean() < 0.5
-    assert not len(confirm(window, THERE, cloud.select(slice(0, 0)), 0.0, 0.1, 0.5))
+    assert confirm(window, THERE, cloud, 0.9 * way, 0.1, Parameters().density).mean() > 0.9
+    assert not confirm(window, THERE, cloud, 1.1 * way, 0.1, Parameters().density).any()
+    assert confirm(window, THERE @ SE2(0.3, 0.3), cloud, 0.0, 0.1, Parameters().density).mean() < 0.5
+    assert not len(confirm(window, THERE, cloud.select(slice(0, 0)), 0.0, 0.1, Parameters().density))
 
 
 @pytest.mark.parametrize('seed', range(5))

@@ -9,10 +9,9 @@ from rooms import HALF, look, outline
 
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.mapping.correspondences import PosePrior
 from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
-from dbscan_reg_ros.core.mapping.observability import InitialAlignment
+from dbscan_reg_ros.core.mapping.records import InitialAlignment, PosePrior
 from dbscan_reg_ros.core.mapping.scan_to_map import align_to_map
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.parameters.tree import Parameters

@@ -10,7 +10,8 @@ from dbscan_reg_ros import SE2, Parameters
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.features.tables import build_likelihood_field
 from dbscan_reg_ros.core.registration.point_to_line import fit, polish, refine
-from dbscan_reg_ros.core.registration.residuals import Alignment, jacobian, normal_equations, shared_information
+from dbscan_reg_ros.core.registration.residuals import Alignment, jacobian, normal_equations
+from dbscan_reg_ros.core.registration.uncertainty import shared_information
 
 PARAMETERS = Parameters()
 MOTION = START.inverse() @ END

@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.parameters.registration import DecisionParameters
-from dbscan_reg_ros.core.registration.residuals import (
-    Residuals,
-    degenerate_rotation,
-    degenerate_translation,
-    jacobian,
-    normal_equations,
-)
-from dbscan_reg_ros.core.registration.uncertainty import match_covariance
+from dbscan_reg_ros.core.registration.residuals import Residuals, jacobian, normal_equations
+from dbscan_reg_ros.core.registration.uncertainty import degenerate_rotation, degenerate_translation, match_covariance
 
 ALONE = {'covariance_scale': 1.0, 'parallel_tolerance': 0.0}
 PARAMETERS = DecisionParameters(few_points_scale=0.0, **ALONE)

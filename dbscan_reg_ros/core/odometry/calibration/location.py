@@ -9,9 +9,8 @@ from ...features.records import Features
 from ...geometry.array_types import FloatArray
 from ...geometry.se2 import DOF, SE2
 from ...geometry.symmetric_matrix import diagonal
-from ...mapping.correspondences import PosePrior
 from ...mapping.key_frame_window import KeyFrameWindow
-from ...mapping.observability import InitialAlignment
+from ...mapping.records import InitialAlignment, PosePrior
 from ...mapping.scan_to_map import align_to_map, alignment_uncertainty
 from ...parameters.tree import Parameters
 from ...registration.pipeline import register, register_within_gate

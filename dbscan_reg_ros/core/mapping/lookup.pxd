@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+# cython: language_level=3
+"""Table of the key frames, and the look-up of a scan in it."""
+from ..features.oriented_points cimport OrientedPoints
+from ..registration.views cimport FieldArrays
+from .correspondences cimport Correspondences, Pair
+
+
+cdef struct Slot:
+    # Of a key frame: position [m] in the odometry frame, cosine and sine of minus the heading; likelihood field;
+    # `FreeSpaceProfile.nearby` [m] and its number of bins.
+    double x, y, c, s
+    FieldArrays field
+    const double *nearby
+    Py_ssize_t bins
+
+
+cdef class Slots:
+    cdef tuple frames
+    cdef list kept
+    cdef Slot *slots
+    cdef Py_ssize_t count
+
+
+cdef struct Turned:
+    # A point relative to the sensor [m] and its normal, rotated into the odometry frame.
+    double x, y, nx, ny
+
+
+cdef class ScanLookup:
+    cdef Slots slots
+    cdef OrientedPoints own
+    cdef object density, subsets
+    cdef double min_cosine, x, y
+    cdef Turned *turned
+    cdef Py_ssize_t *nearest
+
+    cdef Correspondences at(self, pose)
+    cdef int turn(self, pose) except -1
+    cdef Py_ssize_t add(self, Py_ssize_t frame, const Py_ssize_t[::1] chosen, Pair *pairs) except -1 nogil
