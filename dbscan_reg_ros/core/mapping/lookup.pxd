@@ -36,5 +36,6 @@ cdef class ScanLookup:
     cdef Py_ssize_t *nearest
 
     cdef Correspondences at(self, pose)
+    cdef Correspondences in_frame(self, Py_ssize_t frame, pose)
     cdef int turn(self, pose) except -1
     cdef Py_ssize_t add(self, Py_ssize_t frame, const Py_ssize_t[::1] chosen, Pair *pairs) except -1 nogil

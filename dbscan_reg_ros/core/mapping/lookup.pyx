@@ -106,6 +106,13 @@ cdef class ScanLookup:
             found.count += self.add(k, chosen[k % chosen.shape[0]], &found.pairs[found.count])
         return found
 
+    cdef Correspondences in_frame(self, Py_ssize_t frame, pose):
+        """Look up the lines of one key frame on which the points of the scan at a `pose` lie."""
+        cdef Correspondences found = Correspondences(pose, self.own.size, self.own.size)
+        self.turn(pose)
+        found.count = self.add(frame, np.arange(self.own.size), found.pairs)
+        return found
+
     cdef int turn(self, pose) except -1:
         """Rotate points and normals to a `pose` of the scan in the odometry frame."""
         cdef double c = cos(pose.theta), s = sin(pose.theta)

@@ -203,6 +203,19 @@ def alignment_uncertainty(features, pose, Correspondences found, initial, p):
                          initial.direction is not None, initial.rotation_unobservable)
 
 
+def expected_observability(window, key_frame, features, pose, p):
+    """Return the `Observability` to expect from the registration of a scan to one key frame, for its expected `pose`."""
+    cdef Correspondences found
+    cdef double[:, ::1] table
+    cdef double[3] step = [0.0, 0.0, 0.0]
+    points = features.sampled_points
+    found = ScanLookup(window.slots, points, p.density).in_frame(window.frames.index(key_frame), pose)
+    found.weigh(step, p.refinement.score_scale)
+    table = residuals(found, points, step, pose.theta)
+    return covariance_of(table[0], table[1], table[2:5], table[5:], features.noise, p.decision, pose.theta, False,
+                         False)[1]
+
+
 def information_along(features, pose, double angle, p):
     """Return the information of the points of a scan at `pose` about the translation along `angle` [rad].
 

@@ -8,7 +8,7 @@ from ..features.records import Features
 from ..geometry.ties import first_largest
 from ..mapping.dynamic_points import without_dynamic_points
 from ..mapping.key_frame import KeyFrame
-from ..mapping.scan_to_map import information_along
+from ..mapping.scan_to_map import expected_observability, information_along
 from ..parameters.tree import Parameters
 from ..registration.pipeline import register, register_within_gate
 from ..registration.records import Prior, Registration, Status
@@ -74,11 +74,24 @@ class ReferenceSearch:
         if not self._is_final(match):
             for reference in fallback_references(self._state, best.pose, match.registration, self._parameters,
                                                  self._sensor):
+                if not self._may_resolve(reference, static, outcome.match):
+                    continue
                 match = self._match(reference, static, outcome.match)
                 outcome = outcome.joined(match)
                 if self._is_final(match):
                     break
         return outcome
+
+    def _may_resolve(self, reference: Reference, static: Features, tentative: Match | None) -> bool:
+        """Whether a reference may constrain the direction that a `tentative` match left unresolved.
+
+        From the pose of that match, at least half as many points as needed must constrain it.
+        """
+        window, p = self._state.key_frames, self._search_parameters
+        if tentative is None or tentative.unresolved_direction is None or reference.key_frame not in window.frames:
+            return True
+        expected = expected_observability(window, reference.key_frame, static, tentative.pose, p)
+        return expected.weak >= _MIN_EXPECTED_RATIO * p.decision.min_information
 
     def _previous_scan(self) -> KeyFrame:
         """Return the previous scan of the sensor, which may be a key frame."""
@@ -184,3 +197,5 @@ class ReferenceSearch:
 
 _AFTER_GAP = 0.5
 """Time [s] after a gap in which a match may owe its confidence to the predicted motion: chance has few trials."""
+_MIN_EXPECTED_RATIO = 0.5
+"""A reference is tried for an unresolved direction if this ratio of `decision.min_information` is expected from it."""
