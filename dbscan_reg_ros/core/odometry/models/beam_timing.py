@@ -265,7 +265,7 @@ _CERTAIN = 8.0
 leads by more than 3."""
 _FEWEST = 3
 """The right hypothesis has to lead after at least this many key frames."""
-_MOST = 40
+_MOST = 20
 """After this many key frames without a lead, the difference is too small to matter."""
 _SAME_INTERVAL = 0.3
 """Intervals between scans that differ by less than this fraction are the same."""
