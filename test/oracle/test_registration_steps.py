@@ -149,7 +149,10 @@ def test_near_motions_are_those_of_all_clusters_that_lie_within_the_gate(sigma):
     reference, current = scans()
     prior = Prior(SE2(0.3, 0.1, 0.4), np.diag((sigma, 0.5 * sigma, 0.2 * sigma)) ** 2)
     problem = Problem(reference, current, P)
-    motions = problem.translations(problem.rotations).transform
+    lines = reference.segments, current.segments
+    weights = pair_weights(*lines, P.rotation)
+    rotations = estimate_rotations(*lines, weights, P.rotation)
+    motions = estimate_translations(*lines, rotations, weights, P.translation).transform
     apart, turned = np.hypot(*(motions[:, :2] - (0.3, 0.1)).T), np.abs(wrap(motions[:, 2] - 0.4))
     inside = (apart <= P.prior.gate * sigma) & (turned <= P.prior.gate * 0.2 * sigma)
     np.testing.assert_array_equal(near_motions(problem, prior), motions[inside][:P.selection.max_clusters])

@@ -7,7 +7,7 @@ from ..features.extraction import extract_features
 from ..features.records import Features
 from ..parameters.tree import Parameters
 from ..scan import Scan
-from .clustering.translation import near_motions
+from .clustering.translation import heaviest_motions, near_motions
 from .hypotheses import Candidates
 from .landmarks import landmark_motions
 from .records import Prior, Registration, Status
@@ -104,11 +104,10 @@ def search_wide(problem: Problem) -> Registration:
 
 def heaviest_candidates(problem: Problem) -> Candidates:
     """Return the heaviest translation clusters; shortest translations and the prior are exempt from pre-selection."""
-    p, translations = problem.parameters.selection, problem.translations(problem.rotations)
+    motions, shortest = heaviest_motions(problem)
     if problem.prior is None:
-        return Candidates(translations.shortest, translations.transform[:p.max_clusters])
-    exempt = np.concatenate((problem.prior.transform.as_array()[None], translations.shortest))
-    return Candidates(exempt, translations.transform[:p.max_clusters])
+        return Candidates(shortest, motions)
+    return Candidates(np.concatenate((problem.prior.transform.as_array()[None], shortest)), motions)
 
 
 def needs_wide_search(found: Registration, problem: Problem) -> bool:

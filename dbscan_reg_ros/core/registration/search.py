@@ -3,15 +3,11 @@
 import dataclasses
 from dataclasses import dataclass
 from enum import Enum
-from functools import cached_property
 
 from ..features.oriented_points import OrientedPoints
 from ..features.records import Features
 from ..geometry.array_types import FloatArray
 from ..parameters.tree import Parameters
-from .clustering.rotation import estimate_rotations, pair_weights
-from .clustering.translation import estimate_translations
-from .hypotheses import Rotations, Translations
 from .point_to_line import fit
 from .records import Prior
 from .residuals import Fit
@@ -44,22 +40,6 @@ class Problem:
     current: Features
     parameters: Parameters
     prior: Prior | None = None
-
-    @cached_property
-    def weights(self) -> FloatArray:
-        """``(n, m)`` weights of all pairs of segments."""
-        return pair_weights(self.reference.segments, self.current.segments, self.parameters.rotation)
-
-    @cached_property
-    def rotations(self) -> Rotations:
-        """Rotation hypotheses from all pairs of segments (Eq. 9)."""
-        return estimate_rotations(self.reference.segments, self.current.segments, self.weights,
-                                  self.parameters.rotation)
-
-    def translations(self, rotations: Rotations) -> Translations:
-        """Cluster translation hypotheses for the `rotations` (Eq. 10-15)."""
-        return estimate_translations(self.reference.segments, self.current.segments, rotations, self.weights,
-                                     self.parameters.translation)
 
     def fit(self, candidates: FloatArray, points: OrientedPoints) -> Fit:
         """Return the `Fit` of `points` of the current scan to the reference for each of the `candidates` ``(H, 3)``."""

@@ -8,7 +8,5 @@ cdef enum:
     NOISE = -1
 
 
-cdef cluster_translations(const double complex[::1] samples, const Py_ssize_t[::1] rotation, double eps,
-                          Py_ssize_t min_samples, double max_width)
-cdef rank_translations(const double complex[::1] samples, const double[::1] sample_weight,
-                       const Py_ssize_t[::1] rotation, const Py_ssize_t[::1] labels, const double[::1] phi)
+cdef Py_ssize_t[::1] cluster_translations(const double complex[::1] samples, const Py_ssize_t[::1] rotation, double eps,
+                                          Py_ssize_t min_samples, double max_width)

@@ -5,7 +5,7 @@ import numpy as np
 
 from libc.math cimport INFINITY
 
-from ...geometry.ordering cimport sort_stably, sort_up_to_rounding
+from ...geometry.ordering cimport sort_stably
 from ...geometry.plane cimport length_of
 
 
@@ -19,20 +19,19 @@ def dbscan_plane(const double complex[::1] samples, double eps, Py_ssize_t min_s
         As for `dbscan_circle`, as the labels that are returned.
     """
     cdef Py_ssize_t[::1] rotation = np.zeros(samples.shape[0], np.intp)
-    return cluster_translations(samples, rotation, eps, min_samples, 0.0)
+    return np.asarray(cluster_translations(samples, rotation, eps, min_samples, 0.0))
 
 
-cdef cluster_translations(const double complex[::1] samples, const Py_ssize_t[::1] rotation, double eps,
-                          Py_ssize_t min_samples, double max_width):
+cdef Py_ssize_t[::1] cluster_translations(const double complex[::1] samples, const Py_ssize_t[::1] rotation, double eps,
+                                          Py_ssize_t min_samples, double max_width):
     """Return the cluster of each sample; those wider than `max_width` are clustered again with half the radius.
 
     Samples of each rotation are moved along x, so that those of different rotations are no neighbours.
     """
     cdef Py_ssize_t size = samples.shape[0], level, k, label, count, offset = 0
     cdef double low = INFINITY, high = -INFINITY, squared = max_width * max_width
-    found = np.empty(size, np.intp)
-    cdef Py_ssize_t[:, ::1] work = np.empty((3, size), np.intp)
-    cdef Py_ssize_t[::1] labels = found, order = work[0], parent = work[1], rank = work[2]
+    cdef Py_ssize_t[:, ::1] work = np.empty((4, size), np.intp)
+    cdef Py_ssize_t[::1] order = work[0], parent = work[1], rank = work[2], labels = work[3]
     cdef unsigned char[::1] chosen = np.ones(size, np.uint8), core = chosen
     cdef double[:, ::1] sums = np.empty((4, size))
     cdef double[::1] x = sums[3]
@@ -63,7 +62,7 @@ cdef cluster_translations(const double complex[::1] samples, const Py_ssize_t[::
                 break
             flag_chains(samples, labels, offset, count, squared, chosen, sums)
             offset += count
-    return found
+    return labels
 
 
 cdef inline Py_ssize_t root_of(Py_ssize_t[::1] parent, Py_ssize_t k) except -1 nogil:
@@ -167,40 +166,3 @@ cdef int flag_chains(const double complex[::1] samples, const Py_ssize_t[::1] la
     for k in range(samples.shape[0]):
         chosen[k] = chosen[k] and sums[2, labels[k] - offset] > 0.0
     return 0
-
-
-cdef rank_translations(const double complex[::1] samples, const double[::1] sample_weight,
-                       const Py_ssize_t[::1] rotation, const Py_ssize_t[::1] labels, const double[::1] phi):
-    """Return weighted mean and weight of each cluster, heaviest first, and the rank of each sample's cluster."""
-    cdef Py_ssize_t size = samples.shape[0], clusters = 0, count = 0, k, at
-    for k in range(size):
-        clusters = max(clusters, labels[k] + 1)
-    table, ranked = np.zeros((4, clusters)), np.empty(size, np.intp)
-    transform, weights = np.empty((clusters, 3)), np.empty(clusters)
-    cdef double[:, ::1] total = table, motion = transform
-    cdef double[::1] weight = weights
-    cdef Py_ssize_t[:, ::1] work = np.zeros((4, clusters), np.intp)
-    cdef Py_ssize_t[::1] used = work[0], order = work[1], rank = work[3], label = ranked
-    with nogil:
-        for k in range(size):
-            at = labels[k]
-            if at == NOISE:
-                continue
-            used[at] = 1
-            # Negative: the heaviest come first.
-            total[0, at] -= sample_weight[k]
-            total[1, at] += sample_weight[k] * samples[k].real
-            total[2, at] += sample_weight[k] * samples[k].imag
-            total[3, at] = phi[rotation[k]]
-        sort_up_to_rounding(total[0], order, work[2])
-        for k in range(clusters):
-            at = order[k]
-            # Numbers of clusters that were clustered again are unused.
-            if used[at]:
-                weight[count], rank[at] = -total[0, at], count
-                motion[count, 0], motion[count, 1] = total[1, at] / weight[count], total[2, at] / weight[count]
-                motion[count, 2] = total[3, at]
-                count += 1
-        for k in range(size):
-            label[k] = NOISE if labels[k] == NOISE else rank[labels[k]]
-    return transform[:count], weights[:count], ranked

@@ -5,12 +5,12 @@ from ..views cimport SegmentViews
 
 
 cdef class RotationClusters:
-    cdef double[:, ::1] difference
+    # Of the pairs, row by row: angle difference and cluster. Of the clusters, heaviest first: mean and weight.
+    cdef double[::1] difference, phi, weight
     cdef Py_ssize_t[::1] labels
-    cdef double[::1] phi, weight
     cdef double eps
-    cdef int rank(self, const double[::1] samples, const double[::1] sample_weight, const Py_ssize_t[::1] labels,
-                  double period, Py_ssize_t most) except -1
 
 
-cdef weights_of(SegmentViews reference, SegmentViews current, parameters)
+cdef double[::1] weights_of(SegmentViews reference, SegmentViews current, parameters)
+cdef RotationClusters cluster_rotations(SegmentViews reference, SegmentViews current, const double[::1] weights,
+                                        parameters)

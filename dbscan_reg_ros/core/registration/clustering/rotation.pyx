@@ -15,22 +15,23 @@ from .clusters cimport NOISE
 
 def pair_weights(reference, current, parameters):
     """Return the weight ``(n, m)`` of each pair: its shorter length [m], less where the directions are uncertain."""
-    return weights_of(views_of_segments(reference), views_of_segments(current), parameters)
+    weights = weights_of(views_of_segments(reference), views_of_segments(current), parameters)
+    return np.asarray(weights).reshape(len(reference), len(current))
 
 
-cdef weights_of(SegmentViews reference, SegmentViews current, parameters):
-    """Return the `pair_weights` ``(n, m)``."""
+cdef double[::1] weights_of(SegmentViews reference, SegmentViews current, parameters):
+    """Return the `pair_weights` row by row."""
     cdef double width = parameters.max_width, variance
-    cdef Py_ssize_t i, j
-    weights = np.empty((reference.size, current.size))
-    cdef double[:, ::1] weight = weights
+    cdef double[::1] weight = np.empty(reference.size * current.size)
+    cdef Py_ssize_t i, j, k = 0
     for i in range(reference.size):
         for j in range(current.size):
-            weight[i, j] = min(reference.length[i], current.length[j])
+            weight[k] = min(reference.length[i], current.length[j])
             if width:
                 variance = reference.sigma[i] * reference.sigma[i] + current.sigma[j] * current.sigma[j]
-                weight[i, j] /= 1.0 + variance / (width * width)
-    return weights
+                weight[k] /= 1.0 + variance / (width * width)
+            k += 1
+    return weight
 
 
 def estimate_rotations(reference, current, weights, parameters):
@@ -44,67 +45,75 @@ def estimate_rotations(reference, current, weights, parameters):
         From `pair_weights`.
     parameters : RotationParameters
     """
-    cdef RotationClusters found = RotationClusters(views_of_segments(reference), views_of_segments(current),
-                                                   np.ascontiguousarray(weights), parameters)
-    return Rotations(np.asarray(found.phi), np.asarray(found.weight), np.asarray(found.difference),
-                     np.asarray(found.labels).reshape(len(reference), len(current)), found.eps)
+    cdef RotationClusters found = cluster_rotations(views_of_segments(reference), views_of_segments(current),
+                                                    np.ravel(weights), parameters)
+    shape = len(reference), len(current)
+    return Rotations(np.asarray(found.phi), np.asarray(found.weight), np.asarray(found.difference).reshape(shape),
+                     np.asarray(found.labels).reshape(shape), found.eps)
 
 
 cdef class RotationClusters:
-    """The `Rotations` of n x m pairs of segments; `labels` is flat."""
+    """The `Rotations` of n x m pairs of segments, as views."""
 
-    def __cinit__(self, SegmentViews reference, SegmentViews current, weights, parameters):
-        cdef double period = 2.0 * M_PI
-        cdef Py_ssize_t n = reference.size, m = current.size, size = n * m, i, j
-        differences = np.empty((n, m))
-        cdef double[::1] samples = differences.reshape(-1)
-        cdef Py_ssize_t[:, ::1] work = np.zeros((3, size), np.intp)
-        cdef Py_ssize_t[::1] order = work[0], found = work[1]
-        for i in range(n):
-            for j in range(m):
-                samples[i * m + j] = wrapped(reference.direction[i] - current.direction[j], period)
-        sort_stably(samples, order, work[2])
-        self.difference, self.eps = differences, parameters.eps
-        if self.eps == 0.0 and size:
-            self.eps = min(max(knee_of(k_distances(samples, max(<Py_ssize_t> parameters.min_samples - 1, 1))),
-                               <double> parameters.eps_min), <double> parameters.eps_max)
-        cluster_angles(samples, order, found, period, self.eps, parameters.min_samples, parameters.max_width)
-        self.labels = work[2]
-        self.rank(samples, weights.reshape(-1), found, period, parameters.max_hypotheses)
 
-    cdef int rank(self, const double[::1] samples, const double[::1] sample_weight, const Py_ssize_t[::1] labels,
-                  double period, Py_ssize_t most) except -1:
-        """Write the weighted mean and the weight of the heaviest clusters, and the rank of each sample's cluster."""
-        cdef Py_ssize_t size = samples.shape[0], k, at, clusters = 0, count = 0
-        for k in range(size):
-            clusters = max(clusters, labels[k] + 1)
-        cdef double[:, ::1] total = np.zeros((5, clusters))
-        cdef Py_ssize_t[:, ::1] work = np.zeros((4, clusters), np.intp)
-        cdef Py_ssize_t[::1] used = work[0], order = work[1], rank = work[3]
-        cdef double[::1] mean = total[3], weight = total[4]
-        with nogil:
-            for k in range(size):
-                at = labels[k]
-                if at != NOISE:
-                    # Negative: the heaviest come first.
-                    total[0, at] -= sample_weight[k]
-                    total[2, at], used[at] = samples[k], 1
-            for k in range(size):
-                at = labels[k]
-                if at != NOISE:
-                    total[1, at] += sample_weight[k] * wrapped(samples[k] - total[2, at], period)
-            sort_up_to_rounding(total[0], order, work[2])
-            for k in range(clusters):
-                at, rank[order[k]] = order[k], -1
-                # Numbers of clusters that were clustered again are unused.
-                if used[at] and count < most:
-                    weight[count], rank[at] = -total[0, at], count
-                    mean[count] = wrap(total[2, at] + total[1, at] / weight[count])
-                    count += 1
-            for k in range(size):
-                self.labels[k] = NOISE if labels[k] == NOISE else rank[labels[k]]
-        self.phi, self.weight = mean[:count], weight[:count]
-        return 0
+cdef RotationClusters cluster_rotations(SegmentViews reference, SegmentViews current, const double[::1] weights,
+                                        parameters):
+    """Return what `estimate_rotations` does."""
+    cdef Py_ssize_t n = reference.size, m = current.size, size = n * m, i, j
+    cdef double period = 2.0 * M_PI
+    cdef RotationClusters found = RotationClusters.__new__(RotationClusters)
+    # Clusters that are clustered again keep their numbers: there are at most twice as many as samples.
+    cdef double[:, ::1] number = np.empty((6, 2 * size))
+    cdef Py_ssize_t[:, ::1] index = np.empty((6, 2 * size), np.intp)
+    cdef double[::1] samples = number[0, :size]
+    cdef Py_ssize_t[::1] order = index[0, :size], labels = index[1, :size]
+    for i in range(n):
+        for j in range(m):
+            samples[i * m + j] = wrapped(reference.direction[i] - current.direction[j], period)
+    sort_stably(samples, order, labels)
+    found.difference, found.eps = samples, parameters.eps
+    if found.eps == 0.0 and size:
+        found.eps = min(max(knee_of(k_distances(samples, max(<Py_ssize_t> parameters.min_samples - 1, 1))),
+                            <double> parameters.eps_min), <double> parameters.eps_max)
+    cluster_angles(samples, order, labels, period, found.eps, parameters.min_samples, parameters.max_width)
+    rank_rotations(found, weights, labels, period, parameters.max_hypotheses, number[1:], index[2:])
+    return found
+
+
+cdef int rank_rotations(RotationClusters found, const double[::1] sample_weight, Py_ssize_t[::1] labels, double period,
+                        Py_ssize_t most, double[:, ::1] total, Py_ssize_t[:, ::1] work) except -1 nogil:
+    """Write weighted mean and weight of the heaviest clusters, and the rank of each sample's cluster; rows for work."""
+    cdef const double[::1] samples = found.difference
+    cdef Py_ssize_t size = samples.shape[0], k, at, clusters = 0, count = 0
+    cdef double[::1] mean = total[3], weight = total[4]
+    cdef Py_ssize_t[::1] used = work[0], order = work[1], rank = work[3]
+    for k in range(size):
+        clusters = max(clusters, labels[k] + 1)
+    for at in range(clusters):
+        total[0, at] = total[1, at] = total[2, at] = 0.0
+        used[at] = 0
+    for k in range(size):
+        at = labels[k]
+        if at != NOISE:
+            # Negative: the heaviest come first.
+            total[0, at] -= sample_weight[k]
+            total[2, at], used[at] = samples[k], 1
+    for k in range(size):
+        at = labels[k]
+        if at != NOISE:
+            total[1, at] += sample_weight[k] * wrapped(samples[k] - total[2, at], period)
+    sort_up_to_rounding(total[0, :clusters], order, work[2])
+    for k in range(clusters):
+        at, rank[order[k]] = order[k], -1
+        # Numbers of clusters that were clustered again are unused.
+        if used[at] and count < most:
+            weight[count], rank[at] = -total[0, at], count
+            mean[count] = wrap(total[2, at] + total[1, at] / weight[count])
+            count += 1
+    for k in range(size):
+        labels[k] = NOISE if labels[k] == NOISE else rank[labels[k]]
+    found.phi, found.weight, found.labels = mean[:count], weight[:count], labels
+    return 0
 
 
 def k_distances(samples, Py_ssize_t k):

@@ -15,8 +15,8 @@ from ...geometry.plane cimport cross, rotated, wrap, wrapped
 from ..point_to_line cimport Equations, add_row, solve_step
 from ..scoring cimport are_near
 from ..views cimport SegmentViews, views_of_segments
-from .clusters cimport cluster_translations, rank_translations
-from .rotation cimport RotationClusters, weights_of
+from .clusters cimport NOISE, cluster_translations
+from .rotation cimport RotationClusters, cluster_rotations, weights_of
 
 
 def estimate_translations(reference, current, rotations, weights, parameters):
@@ -31,9 +31,9 @@ def estimate_translations(reference, current, rotations, weights, parameters):
         Weight of each pair of segments.
     parameters : TranslationParameters
     """
-    cdef SegmentViews ours = views_of_segments(reference), theirs = views_of_segments(current)
-    cdef TranslationClusters found = TranslationClusters(ours, theirs, rotations.difference, rotations.phi,
-                                                         np.ascontiguousarray(weights), parameters)
+    cdef TranslationClusters found = cluster_lines(views_of_segments(reference), views_of_segments(current),
+                                                   np.ravel(rotations.difference), rotations.phi, np.ravel(weights),
+                                                   parameters)
     find_shortest = partial(shortest_translations, found.lines, rotations.phi[:parameters.shortest_rotations])
     samples = np.asarray(found.samples).view(float).reshape(-1, 2)
     return Translations(np.asarray(found.motion), np.asarray(found.weight), samples, np.asarray(found.sample_weight),
@@ -41,19 +41,27 @@ def estimate_translations(reference, current, rotations, weights, parameters):
                         find_shortest)
 
 
-def near_motions(problem, prior):
-    """Return the translation clusters within the gate around a prior, heaviest first, ``(C, 3)``.
-
-    Parameters
-    ----------
-    problem : Problem
-    prior : Prior
-    """
+def heaviest_motions(problem):
+    """Return the heaviest translation clusters ``(C, 3)``, and the `shortest_translations` ``(K, 3)``."""
     p = problem.parameters
     cdef SegmentViews ours = views_of_segments(problem.reference.segments)
     cdef SegmentViews theirs = views_of_segments(problem.current.segments)
-    weights = weights_of(ours, theirs, p.rotation)
-    cdef RotationClusters rotations = RotationClusters(ours, theirs, weights, p.rotation)
+    cdef double[::1] weights = weights_of(ours, theirs, p.rotation)
+    cdef RotationClusters rotations = cluster_rotations(ours, theirs, weights, p.rotation)
+    cdef TranslationClusters found = cluster_lines(ours, theirs, rotations.difference, rotations.phi, weights,
+                                                   p.translation)
+    cdef Py_ssize_t count = min(rotations.phi.shape[0], <Py_ssize_t> p.translation.shortest_rotations)
+    return (np.asarray(found.motion[:min(found.motion.shape[0], <Py_ssize_t> p.selection.max_clusters)]),
+            shortest_translations(found.lines, rotations.phi[:count]))
+
+
+def near_motions(problem, prior):
+    """Return the translation clusters of a `Problem` within the gate around a `Prior`, heaviest first, ``(C, 3)``."""
+    p = problem.parameters
+    cdef SegmentViews ours = views_of_segments(problem.reference.segments)
+    cdef SegmentViews theirs = views_of_segments(problem.current.segments)
+    cdef double[::1] weights = weights_of(ours, theirs, p.rotation)
+    cdef RotationClusters rotations = cluster_rotations(ours, theirs, weights, p.rotation)
     cdef double[:, ::1] motion
     expected = prior.transform
     cdef double gate = p.prior.gate, angle = gate * <double> prior.rotation_sigma, reach
@@ -63,8 +71,7 @@ def near_motions(problem, prior):
         if fabs(wrap(rotations.phi[h] - theta)) <= angle:
             rotations.phi[count] = rotations.phi[h]
             count += 1
-    motion = TranslationClusters(ours, theirs, rotations.difference, rotations.phi[:count], weights,
-                                 p.translation).motion
+    motion = cluster_lines(ours, theirs, rotations.difference, rotations.phi[:count], weights, p.translation).motion
     reach, count = gate * <double> prior.translation_sigma, 0
     for h in range(motion.shape[0]):
         if count < most and are_near(motion[h, 0] - x, motion[h, 1] - y, motion[h, 2] - theta, reach, angle):
@@ -86,56 +93,54 @@ cdef class MatchedLines:
     cdef double complex[::1] along
     cdef Py_ssize_t size
 
-    def __cinit__(self, SegmentViews reference, SegmentViews current, const double[:, ::1] difference,
-                  const double[::1] phi, const double[:, ::1] weights, double sigma, Py_ssize_t max_pairs):
-        cdef Py_ssize_t most = phi.shape[0] * min(max_pairs, difference.shape[0] * difference.shape[1])
-        cdef Py_ssize_t[:, ::1] index = np.empty((3, most), np.intp)
-        cdef double[:, ::1] number = np.empty((3, most))
-        self.rotation, self.ours, self.theirs = index[0], index[1], index[2]
-        self.weight, self.off, self.distance = number[0], number[1], number[2]
-        self.along = np.empty(most, complex)
-        self.match(difference, phi, weights, sigma, max_pairs)
-        self.write_equations(reference, current, phi)
 
-    cdef int match(self, const double[:, ::1] difference, const double[::1] phi, const double[:, ::1] weights,
-                   double sigma, Py_ssize_t max_pairs) except -1:
-        """Write the heaviest pairs of each rotation, and the angles between the lines."""
-        cdef Py_ssize_t m = difference.shape[1], size = difference.shape[0] * m, k, i, count
-        cdef double[:, ::1] found = np.empty((2, size))
-        cdef Py_ssize_t[:, ::1] work = np.empty((3, size), np.intp)
-        cdef double[::1] heavy = found[0], off = found[1]
-        cdef Py_ssize_t[::1] pair = work[0], order = work[1], scratch = work[2]
-        cdef double angle
-        with nogil:
-            for k in range(phi.shape[0]):
-                count = 0
-                for i in range(size):
-                    angle = wrapped(difference[i // m, i % m] - phi[k], 2.0 * M_PI)
-                    if fabs(angle) < 2.0 * sigma:
-                        # Negative: the heaviest come first.
-                        heavy[count] = -exp(-0.5 * (angle / sigma) * (angle / sigma)) * weights[i // m, i % m]
-                        off[count], pair[count] = angle, i
-                        count += 1
-                sort_up_to_rounding(heavy[:count], order, scratch)
-                for i in range(min(count, max_pairs)):
-                    self.rotation[self.size] = k
-                    self.ours[self.size], self.theirs[self.size] = pair[order[i]] // m, pair[order[i]] % m
-                    self.weight[self.size], self.off[self.size] = -heavy[order[i]], off[order[i]]
-                    self.size += 1
-        return 0
+cdef MatchedLines match_lines(SegmentViews reference, SegmentViews current, const double[::1] difference,
+                              const double[::1] phi, const double[::1] weights, double sigma, Py_ssize_t max_pairs):
+    """Return the heaviest pairs of each rotation, and their equations."""
+    cdef Py_ssize_t m = current.size, size = difference.shape[0], most = phi.shape[0] * min(max_pairs, size)
+    cdef Py_ssize_t k, i, count
+    cdef MatchedLines lines = MatchedLines.__new__(MatchedLines)
+    cdef Py_ssize_t[:, ::1] index = np.empty((3, max(most, size)), np.intp), work = np.empty((3, size), np.intp)
+    cdef double[:, ::1] number = np.empty((5, max(most, size)))
+    cdef double[::1] heavy = number[3], off = number[4]
+    cdef Py_ssize_t[::1] pair = work[0], order = work[1], scratch = work[2]
+    cdef double angle
+    lines.rotation, lines.ours, lines.theirs = index[0], index[1], index[2]
+    lines.weight, lines.off, lines.distance = number[0], number[1], number[2]
+    lines.along = np.empty(most, complex)
+    with nogil:
+        for k in range(phi.shape[0]):
+            count = 0
+            for i in range(size):
+                angle = wrapped(difference[i] - phi[k], 2.0 * M_PI)
+                if fabs(angle) < 2.0 * sigma:
+                    # Negative: the heaviest come first.
+                    heavy[count] = -exp(-0.5 * (angle / sigma) * (angle / sigma)) * weights[i]
+                    off[count], pair[count] = angle, i
+                    count += 1
+            sort_up_to_rounding(heavy[:count], order, scratch)
+            for i in range(min(count, max_pairs)):
+                lines.rotation[lines.size] = k
+                lines.ours[lines.size], lines.theirs[lines.size] = pair[order[i]] // m, pair[order[i]] % m
+                lines.weight[lines.size], lines.off[lines.size] = -heavy[order[i]], off[order[i]]
+                lines.size += 1
+        write_lines(lines, reference, current, phi)
+    return lines
 
-    cdef int write_equations(self, SegmentViews reference, SegmentViews current, const double[::1] phi) except -1 nogil:
-        """Write the direction and the distance of the line of translations of each pair."""
-        cdef Py_ssize_t k, i, j
-        cdef double complex turn
-        cdef double angle
-        for k in range(self.size):
-            i, j = self.ours[k], self.theirs[k]
-            angle = reference.direction[i] - 0.5 * self.off[k]
-            self.along[k] = cos(angle) + 1j * sin(angle)
-            turn = cos(phi[self.rotation[k]]) + 1j * sin(phi[self.rotation[k]])
-            self.distance[k] = cross(self.along[k], reference.middle[i] - rotated(turn, current.middle[j]))
-        return 0
+
+cdef int write_lines(MatchedLines lines, SegmentViews reference, SegmentViews current,
+                     const double[::1] phi) except -1 nogil:
+    """Write the direction and the distance of the line of translations of each pair."""
+    cdef Py_ssize_t k, i, j
+    cdef double complex turn
+    cdef double angle
+    for k in range(lines.size):
+        i, j = lines.ours[k], lines.theirs[k]
+        angle = reference.direction[i] - 0.5 * lines.off[k]
+        lines.along[k] = cos(angle) + 1j * sin(angle)
+        turn = cos(phi[lines.rotation[k]]) + 1j * sin(phi[lines.rotation[k]])
+        lines.distance[k] = cross(lines.along[k], reference.middle[i] - rotated(turn, current.middle[j]))
+    return 0
 
 
 cdef class TranslationClusters:
@@ -147,28 +152,66 @@ cdef class TranslationClusters:
     cdef Py_ssize_t[::1] rotation, labels
     cdef double[:, ::1] motion
 
-    def __cinit__(self, SegmentViews reference, SegmentViews current, const double[:, ::1] difference,
-                  const double[::1] phi, const double[:, ::1] weights, parameters):
-        cdef MatchedLines lines = MatchedLines(reference, current, difference, phi, weights, parameters.parallel_sigma,
-                                               parameters.max_pairs)
-        cdef Py_ssize_t most = 2 * lines.size, run = 0, k, count
-        self.lines = lines
-        for k in range(lines.size):
-            run = run + 1 if k and lines.rotation[k] == lines.rotation[k - 1] else 0
-            most += run
-        cdef double[::1] weight = np.empty(most)
-        cdef double complex[::1] translation = np.empty(most, complex)
-        cdef Py_ssize_t[::1] group = np.empty(most, np.intp)
-        count = add_line_samples(lines, parameters.min_crossing_sine, translation, weight, group)
-        count = add_end_samples(reference, current, phi, lines, parameters.end_weight, count, translation, weight,
-                                group)
-        self.samples, self.sample_weight, self.rotation = translation[:count], weight[:count], group[:count]
-        self.labels, self.motion, self.weight = self.rotation, np.empty((0, 3)), self.sample_weight
-        if count:
-            self.labels = cluster_translations(self.samples, self.rotation, parameters.eps, parameters.min_samples,
-                                               parameters.max_width)
-            self.motion, self.weight, self.labels = rank_translations(self.samples, self.sample_weight, self.rotation,
-                                                                      self.labels, phi)
+
+cdef TranslationClusters cluster_lines(SegmentViews reference, SegmentViews current, const double[::1] difference,
+                                       const double[::1] phi, const double[::1] weights, parameters):
+    """Return what `estimate_translations` does."""
+    cdef TranslationClusters found = TranslationClusters.__new__(TranslationClusters)
+    cdef MatchedLines lines = match_lines(reference, current, difference, phi, weights, parameters.parallel_sigma,
+                                          parameters.max_pairs)
+    cdef Py_ssize_t most = 2 * lines.size, run = 0, k, count
+    for k in range(lines.size):
+        run = run + 1 if k and lines.rotation[k] == lines.rotation[k - 1] else 0
+        most += run
+    cdef double[::1] weight = np.empty(most)
+    cdef double complex[::1] translation = np.empty(most, complex)
+    cdef Py_ssize_t[::1] group = np.empty(most, np.intp)
+    count = add_line_samples(lines, parameters.min_crossing_sine, translation, weight, group)
+    count = add_end_samples(reference, current, phi, lines, parameters.end_weight, count, translation, weight, group)
+    found.lines = lines
+    found.samples, found.sample_weight, found.rotation = translation[:count], weight[:count], group[:count]
+    found.labels = cluster_translations(found.samples, found.rotation, parameters.eps, parameters.min_samples,
+                                        parameters.max_width)
+    rank_translations(found, phi)
+    return found
+
+
+cdef int rank_translations(TranslationClusters found, const double[::1] phi) except -1:
+    """Write weighted mean and weight of each cluster, heaviest first, and the rank of each sample's cluster."""
+    cdef const double complex[::1] samples = found.samples
+    cdef const double[::1] sample_weight = found.sample_weight
+    cdef Py_ssize_t[::1] labels = found.labels
+    cdef Py_ssize_t size = samples.shape[0], clusters = 0, count = 0, k, at
+    for k in range(size):
+        clusters = max(clusters, labels[k] + 1)
+    cdef double[:, ::1] total = np.zeros((5, clusters)), motion = np.empty((clusters, 3))
+    cdef double[::1] weight = total[4]
+    cdef Py_ssize_t[:, ::1] work = np.zeros((4, clusters), np.intp)
+    cdef Py_ssize_t[::1] used = work[0], order = work[1], rank = work[3]
+    with nogil:
+        for k in range(size):
+            at = labels[k]
+            if at == NOISE:
+                continue
+            used[at] = 1
+            # Negative: the heaviest come first.
+            total[0, at] -= sample_weight[k]
+            total[1, at] += sample_weight[k] * samples[k].real
+            total[2, at] += sample_weight[k] * samples[k].imag
+            total[3, at] = phi[found.rotation[k]]
+        sort_up_to_rounding(total[0], order, work[2])
+        for k in range(clusters):
+            at = order[k]
+            # Numbers of clusters that were clustered again are unused.
+            if used[at]:
+                weight[count], rank[at] = -total[0, at], count
+                motion[count, 0], motion[count, 1] = total[1, at] / weight[count], total[2, at] / weight[count]
+                motion[count, 2] = total[3, at]
+                count += 1
+        for k in range(size):
+            labels[k] = NOISE if labels[k] == NOISE else rank[labels[k]]
+    found.motion, found.weight = motion[:count], weight[:count]
+    return 0
 
 
 cdef Py_ssize_t add_line_samples(MatchedLines lines, double min_crossing_sine, double complex[::1] translation,
