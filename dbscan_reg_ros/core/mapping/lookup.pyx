@@ -10,7 +10,7 @@ from libc.stdlib cimport free, malloc
 
 from ..features.oriented_points cimport OrientedPoints
 from ..geometry.plane cimport length_of
-from ..registration.views cimport FieldArrays, Grid, Lines, clipped, lines_of
+from ..registration.views cimport FieldArrays, Lines, lines_of, nearest
 from .correspondences cimport Correspondences, Pair
 
 # Each point is looked up in at least this many key frames.
@@ -51,18 +51,6 @@ cdef class Slots:
     def __reduce__(self):
         """Copies of the window make slots of their own."""
         return type(self), (self.frames,)
-
-
-cdef inline Py_ssize_t entry(FieldArrays *field, double x, double y) noexcept nogil:
-    """Return the index of the point nearest to (x, y) [m]; the cell is clipped to the grid."""
-    cdef Grid *grid = &field.grid
-    cdef Py_ssize_t cell = (clipped((x - grid.x) * grid.inverse_cell, grid.rows) * grid.columns
-                            + clipped((y - grid.y) * grid.inverse_cell, grid.columns))
-    if grid.width == 1:
-        return field.table[cell]
-    if grid.width == 2:
-        return (<const unsigned short *> field.table)[cell]
-    return (<const unsigned int *> field.table)[cell]
 
 
 cdef class ScanLookup:
@@ -145,7 +133,7 @@ cdef class ScanLookup:
                 raise IndexError('a look-up of a point that the scan has not')
             turned = &self.turned[chosen[i]]
             dx, dy = turned.x + x, turned.y + y
-            self.nearest[i] = entry(field, slot.c * dx - slot.s * dy, slot.s * dx + slot.c * dy)
+            self.nearest[i] = nearest(field, slot.c * dx - slot.s * dy, slot.s * dx + slot.c * dy)
         for i in range(chosen.shape[0]):
             p, at = chosen[i], self.nearest[i]
             if at >= field.size:

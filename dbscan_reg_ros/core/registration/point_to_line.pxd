@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
 """Point-to-line correspondences and their normal equations (Eq. 16-18)."""
+cimport cython
 from libc.math cimport cos, sin
 
-from .views cimport Lines, PointViews, nearest
+from ..features.oriented_points cimport OrientedPoints
+
+from .views cimport FieldArrays, Lines, nearest
 
 
 cdef struct Pose:
@@ -22,22 +25,26 @@ cdef struct Match:
     bint alike
 
 
-cdef inline int match_point(PointViews views, Lines field, Py_ssize_t k, Pose *pose, double min_cosine,
-                            Match *found) except -1 nogil:
-    """Find the line of the reference that is nearest to a point; distance and normal without the inverse noise."""
-    cdef double x = views.points[k].real, y = views.points[k].imag
-    cdef double mx = views.normals[k].real, my = views.normals[k].imag
+@cython.boundscheck(False)
+cdef inline void match_point(OrientedPoints points, Lines lines, Py_ssize_t k, Pose *pose, double min_cosine,
+                             Match *found) noexcept nogil:
+    """Find the line of the reference that is nearest to a point; distance and normal without the inverse noise.
+
+    No index is checked: k is that of a point, arrays of points have one length, and `Lines` hold a valid table.
+    """
+    cdef double x = points.points_view[k].real, y = points.points_view[k].imag
+    cdef double mx = points.normals_view[k].real, my = points.normals_view[k].imag
+    cdef FieldArrays *field = &lines.arrays
     cdef Py_ssize_t at
     # p_R = Rot(theta) p_O + t (Eq. 8)
     found.x, found.y = pose.c * x - pose.s * y, pose.s * x + pose.c * y
     x, y = found.x + pose.x, found.y + pose.y
-    at = nearest(field.table, &field.grid, x, y)
+    at = nearest(field, x, y)
     # The normal is conjugated: its product with a point has the distance from the line as the real part.
     found.nx, found.ny = field.normals[at].real, field.normals[at].imag
     found.error = found.nx * x - found.ny * y - field.offsets[at]
     found.alike = (found.nx * (pose.c * mx - pose.s * my) - found.ny * (pose.s * mx + pose.c * my) > min_cosine
-                   and (min_cosine >= 0.0 or at != field.no_point))
-    return 0
+                   and (min_cosine >= 0.0 or at != field.size - 1))
 
 
 cdef inline double product_imag(double complex a, double complex b) noexcept nogil:
@@ -102,7 +109,7 @@ cdef class Hypotheses:
     cdef motions(self)
 
 
-cdef int refine_hypotheses(PointViews views, Lines field, double min_cosine, double damping, const double[::1] scales,
+cdef int refine_hypotheses(OrientedPoints points, Lines field, double min_cosine, double damping, const double[::1] scales,
                            Hypotheses found) except -1 nogil
-cdef int add_points(PointViews views, Lines field, Pose *pose, double min_cosine, double scale,
+cdef int add_points(OrientedPoints points, Lines field, Pose *pose, double min_cosine, double scale,
                     Equations *sums) except -1 nogil

@@ -6,19 +6,20 @@ import numpy as np
 from ..geometry import tolerance
 from .residuals import Fit
 
+cimport cython
 from libc.math cimport exp, sqrt
 from libc.stdlib cimport free, malloc
 from libc.string cimport memcpy
 
-from ..features.oriented_points cimport given_or_ones
+from ..features.oriented_points cimport OrientedPoints
 from ..geometry.plane cimport length_of
-from .views cimport Lines, PointViews, lines_of, views_of
+from .views cimport Lines, lines_of
 
 cdef double TINY = tolerance.TINY
 cdef Equations NO_POINTS = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def fit(candidates, points, field, double min_normal_cosine):
+def fit(candidates, OrientedPoints points, field, double min_normal_cosine):
     """Find the `Fit` of a scan's points to the reference.
 
     Parameters
@@ -32,12 +33,11 @@ def fit(candidates, points, field, double min_normal_cosine):
         Minimum cosine of the angle between corresponding normals.
     """
     cdef const double[:, ::1] poses = np.ascontiguousarray(candidates)
-    cdef PointViews views = views_of(points)
     cdef Lines lines = lines_of(field)
     cdef Py_ssize_t h, k
     cdef Match found
     cdef Pose pose
-    shape = poses.shape[0], views.size
+    shape = poses.shape[0], points.size
     errors, alikes = np.empty(shape), np.empty(shape, dtype=bool)
     normals, rotated, places = np.empty(shape, complex), np.empty(shape, complex), np.empty(shape, complex)
     cdef double[:, ::1] error = errors
@@ -46,11 +46,11 @@ def fit(candidates, points, field, double min_normal_cosine):
     with nogil:
         for h in range(poses.shape[0]):
             pose = pose_at(poses[h, 0], poses[h, 1], poses[h, 2])
-            for k in range(views.size):
-                match_point(views, lines, k, &pose, min_normal_cosine, &found)
+            for k in range(points.size):
+                match_point(points, lines, k, &pose, min_normal_cosine, &found)
                 turned[h, k], place[h, k] = found.x + 1j * found.y, (found.x + pose.x) + 1j * (found.y + pose.y)
-                normal[h, k] = (found.nx + 1j * found.ny) * views.inverse_noise[k]
-                error[h, k], alike[h, k] = found.error * views.inverse_noise[k], found.alike
+                normal[h, k] = (found.nx + 1j * found.ny) * points.inverse_noise_view[k]
+                error[h, k], alike[h, k] = found.error * points.inverse_noise_view[k], found.alike
     return Fit(errors, alikes, normals, rotated, places)
 
 
@@ -127,7 +127,7 @@ def refine(candidates, alignment, scales):
     """
     points, field, min_cosine, damping = alignment
     cdef Hypotheses found = Hypotheses(candidates)
-    refine_hypotheses(views_of(points), lines_of(field), min_cosine, damping, np.array(scales, dtype=float), found)
+    refine_hypotheses(points, lines_of(field), min_cosine, damping, np.array(scales, dtype=float), found)
     equations = np.empty((found.size, 4, 4))
     cdef double[:, :, ::1] table = equations
     cdef Py_ssize_t h
@@ -136,7 +136,7 @@ def refine(candidates, alignment, scales):
     return found.motions(), equations
 
 
-cdef int refine_hypotheses(PointViews views, Lines field, double min_cosine, double damping, const double[::1] scales,
+cdef int refine_hypotheses(OrientedPoints points, Lines field, double min_cosine, double damping, const double[::1] scales,
                            Hypotheses found) except -1 nogil:
     """Refine hypotheses in place, and keep the normal equations of their last iteration."""
     cdef Py_ssize_t h, level
@@ -148,30 +148,31 @@ cdef int refine_hypotheses(PointViews views, Lines field, double min_cosine, dou
         row.equations = NO_POINTS
         for level in range(scales.shape[0]):
             pose = pose_at(row.x, row.y, row.theta)
-            add_points(views, field, &pose, min_cosine, scales[level], &row.equations)
+            add_points(points, field, &pose, min_cosine, scales[level], &row.equations)
             solve_step(&row.equations, damping, step)
             row.x, row.y, row.theta = row.x - step[0], row.y - step[1], row.theta - step[2]
     return 0
 
 
-cdef int add_points(PointViews views, Lines field, Pose *pose, double min_cosine, double scale,
+@cython.boundscheck(False)
+cdef int add_points(OrientedPoints points, Lines field, Pose *pose, double min_cosine, double scale,
                     Equations *sums) except -1 nogil:
     """Write the normal equations of all points at a pose, weighted by a kernel of `scale` [m]."""
     cdef double factor = -0.5 / (scale * scale), e, nx, ny
     cdef Py_ssize_t k
     cdef Match found
     sums[0] = NO_POINTS
-    for k in range(views.size):
-        match_point(views, field, k, pose, min_cosine, &found)
+    for k in range(points.size):
+        match_point(points, field, k, pose, min_cosine, &found)
         if found.alike:
             # Error and Jacobian (nx, -ny, -Im(n p)), times the inverse noise scale; Gaussian kernel (Eq. 18).
-            e, nx, ny = (found.error * views.inverse_noise[k], found.nx * views.inverse_noise[k],
-                         found.ny * views.inverse_noise[k])
-            add_row(sums, exp(factor * e * e) * views.weights[k], nx, -ny, -(nx * found.y + ny * found.x), e)
+            e, nx, ny = (found.error * points.inverse_noise_view[k], found.nx * points.inverse_noise_view[k],
+                         found.ny * points.inverse_noise_view[k])
+            add_row(sums, exp(factor * e * e) * points.weights_view[k], nx, -ny, -(nx * found.y + ny * found.x), e)
     return 0
 
 
-def polish(candidate, found, points, refinement):
+def polish(candidate, found, OrientedPoints points, refinement):
     """Refine one candidate ``(3,)`` with a kernel that narrows to the spread of the errors.
 
     The correspondences of `found`, the candidate's `Fit`, are kept, so the errors are linear in the step. A candidate
@@ -189,7 +190,7 @@ def polish(candidate, found, points, refinement):
     cdef double[:, ::1] error = errors
     cdef const unsigned char[:, ::1] alike = found.alike
     cdef const double complex[:, ::1] normal = found.normals, rotated = found.rotated_points
-    cdef const double[::1] weights = given_or_ones(points.weights, error.shape[1])
+    cdef const double[::1] weights = points.weights_view
     cdef double scale = refinement.final_scale, damping = refinement.damping, factor, weight, sum_weight, e
     cdef Py_ssize_t k
     cdef Equations sums

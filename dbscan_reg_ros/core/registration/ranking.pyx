@@ -12,13 +12,13 @@ from .scoring import preselect
 from libc.math cimport cos, exp, fabs, sin, sqrt
 from libc.string cimport memcpy
 
+from ..features.oriented_points cimport OrientedPoints
 from ..geometry.ordering cimport sort_up_to_rounding
 from ..geometry.plane cimport length_of, wrap
 from ..geometry.symmetric cimport Weakest, squared_distance, weakest_direction
 from .point_to_line cimport Equations, Hypotheses, Hypothesis, Match, Pose, add_points, match_point, pose_at
 from .point_to_line cimport refine_hypotheses, solve_step
 from .scoring cimport Comparison, are_near, search_along, write_reverse_conflicts, write_scores
-from .views cimport PointViews, views_of
 
 cdef double TINY = tolerance.TINY
 
@@ -89,7 +89,7 @@ cdef Hypotheses rank_coarsely(Search search, candidates):
         found = Hypotheses(exempt, preselect(others, points, problem.reference.free_space, p.selection, p.density))
         improve(search, found, search.own, search.coarse_scales, False)
         return found
-    cdef PointViews some = views_of(sample(points, p.selection.preselection_points))
+    cdef OrientedPoints some = sample(points, p.selection.preselection_points)
     found = Hypotheses(exempt, others)
     keep_supported(search, found, some, p.refinement.coarse_scale, p.selection.min_support_ratio)
     improve(search, found, some, search.coarse_scales, False)
@@ -108,7 +108,7 @@ cdef Hypotheses rank_coarsely(Search search, candidates):
     return found
 
 
-cdef int keep_supported(Search search, Hypotheses found, PointViews views, double scale,
+cdef int keep_supported(Search search, Hypotheses found, OrientedPoints points, double scale,
                         double min_ratio) except -1 nogil:
     """Keep the hypotheses with at least `min_ratio` of the best one's support by a kernel of `scale` (Eq. 16)."""
     cdef double[::1] support = found.number[0]
@@ -118,10 +118,10 @@ cdef int keep_supported(Search search, Hypotheses found, PointViews views, doubl
     cdef Pose pose
     for h in range(found.size):
         pose, support[h] = pose_at(found.rows[h].x, found.rows[h].y, found.rows[h].theta), 0.0
-        for k in range(views.size):
-            match_point(views, search.field, k, &pose, search.min_cosine, &match)
+        for k in range(points.size):
+            match_point(points, search.field, k, &pose, search.min_cosine, &match)
             if match.alike:
-                e = match.error * views.inverse_noise[k]
+                e = match.error * points.inverse_noise_view[k]
                 support[h] += exp(factor * e * e)
         most = max(most, support[h])
     for h in range(found.size):
@@ -131,12 +131,12 @@ cdef int keep_supported(Search search, Hypotheses found, PointViews views, doubl
     return found.select(found.index[0], count)
 
 
-cdef int improve(Search search, Hypotheses found, PointViews views, const double[::1] scales,
+cdef int improve(Search search, Hypotheses found, OrientedPoints points, const double[::1] scales,
                  bint both_ways) except -1:
     """Refine all hypotheses by some points of the current scan, and sort them by their scores by all sampled points."""
     cdef Py_ssize_t h
     with nogil:
-        refine_hypotheses(views, search.field, search.min_cosine, search.damping, scales, found)
+        refine_hypotheses(points, search.field, search.min_cosine, search.damping, scales, found)
         write_scores(search, found)
     if both_ways:
         write_reverse_conflicts(search, found, found.number[0])

@@ -3,9 +3,10 @@
 """Scores of hypotheses, and which of them differ (section 2.3)."""
 from libc.math cimport fabs
 
+from ..features.oriented_points cimport OrientedPoints
 from ..geometry.plane cimport bin_of, length_of, wrap
 from .point_to_line cimport Hypotheses, Hypothesis
-from .views cimport Lines, PointViews
+from .views cimport Lines
 
 
 cdef inline double violation(const double[::1] near, double x, double y, double tolerance) except? -1.0 nogil:
@@ -21,7 +22,7 @@ cdef inline bint are_near(double x, double y, double theta, double most_apart, d
 cdef class Comparison:
     cdef object problem
     cdef Lines field
-    cdef PointViews own
+    cdef OrientedPoints own
     cdef const double[::1] share, near
     cdef double min_cosine, damping, score_scale, tolerance, against
 

@@ -10,10 +10,11 @@ from ..geometry import se2, tolerance
 
 from libc.math cimport cos, exp, fabs, sin
 
+from ..features.oriented_points cimport OrientedPoints
 from ..geometry.ordering cimport first_largest, sort_up_to_rounding
 from ..geometry.plane cimport bin_of, length_of
 from .point_to_line cimport Hypotheses, Match, Pose, match_point, pose_at
-from .views cimport PointViews, lines_of, views_of
+from .views cimport lines_of
 
 cdef double TINY = tolerance.TINY
 
@@ -45,7 +46,7 @@ cdef class Comparison:
     def __cinit__(self, problem):
         p, current = problem.parameters, problem.current
         self.problem, self.field = problem, lines_of(problem.reference.likelihood_field)
-        self.own, self.share = views_of(current.sampled_points), current.leverage
+        self.own, self.share = current.sampled_points, current.leverage
         self.near = problem.reference.free_space.near
         self.min_cosine, self.damping = p.density.min_normal_cosine, p.refinement.damping
         self.score_scale, self.tolerance = p.refinement.score_scale, p.density.violation_tolerance
@@ -90,10 +91,10 @@ cdef int write_scores(Comparison comparison, Hypotheses found) except -1 nogil:
         for k in range(comparison.own.size):
             match_point(comparison.own, comparison.field, k, &pose, comparison.min_cosine, &match)
             # Gaussian kernel (Eq. 18), 0 where the normals disagree.
-            e = match.error * comparison.own.inverse_noise[k]
+            e = match.error * comparison.own.inverse_noise_view[k]
             weight = exp(factor * e * e) if match.alike else 0.0
             lost = violation(comparison.near, match.x + pose.x, match.y + pose.y,
-                             comparison.tolerance / comparison.own.inverse_noise[k])
+                             comparison.tolerance / comparison.own.inverse_noise_view[k])
             value += (weight - comparison.against * lost * (1.0 - weight)) * comparison.share[k]
             overlap += weight
             conflict += lost * comparison.share[k]
@@ -105,7 +106,7 @@ cdef int write_scores(Comparison comparison, Hypotheses found) except -1 nogil:
 cdef int write_reverse_conflicts(Comparison comparison, Hypotheses found, double[::1] fraction) except -1:
     """Write the weighted fraction of the reference's points in free space of the current scan, of each hypothesis."""
     reference = comparison.problem.reference
-    cdef PointViews views = views_of(reference.sampled_points)
+    cdef OrientedPoints points = reference.sampled_points
     cdef const double[::1] near = comparison.problem.current.free_space.near, share = reference.leverage
     cdef Py_ssize_t h, k
     cdef double x, y
@@ -113,10 +114,10 @@ cdef int write_reverse_conflicts(Comparison comparison, Hypotheses found, double
     with nogil:
         for h in range(found.size):
             pose, fraction[h] = pose_at(found.rows[h].x, found.rows[h].y, found.rows[h].theta), 0.0
-            for k in range(views.size):
-                x, y = views.points[k].real - pose.x, views.points[k].imag - pose.y
+            for k in range(points.size):
+                x, y = points.points_view[k].real - pose.x, points.points_view[k].imag - pose.y
                 fraction[h] += share[k] * violation(near, pose.c * x + pose.s * y, pose.c * y - pose.s * x,
-                                                    comparison.tolerance / views.inverse_noise[k])
+                                                    comparison.tolerance / points.inverse_noise_view[k])
     return 0
 
 
@@ -138,7 +139,7 @@ def preselect(candidates, points, profile, parameters, density):
     cdef Py_ssize_t most = parameters.preselected, size = len(candidates), h, k, at
     if size <= most:
         return candidates
-    cdef PointViews views = views_of(sample(points, parameters.preselection_points))
+    cdef OrientedPoints some = sample(points, parameters.preselection_points)
     cdef const double[:, :] motion = candidates
     cdef const double[::1] near = profile.near, far = profile.far
     cdef double tolerance = parameters.preselection_tolerance, against = density.violation_weight, x, y, radius
@@ -149,9 +150,9 @@ def preselect(candidates, points, profile, parameters, density):
     with nogil:
         for h in range(size):
             pose = pose_at(motion[h, 0], motion[h, 1], motion[h, 2])
-            for k in range(views.size):
-                x = pose.c * views.points[k].real - pose.s * views.points[k].imag + pose.x
-                y = pose.s * views.points[k].real + pose.c * views.points[k].imag + pose.y
+            for k in range(some.size):
+                x = pose.c * some.points_view[k].real - pose.s * some.points_view[k].imag + pose.x
+                y = pose.s * some.points_view[k].real + pose.c * some.points_view[k].imag + pose.y
                 at, radius = bin_of(x, y, near.shape[0]), length_of(x, y)
                 if near[at] > 0.0:
                     support[h] -= min(max(1.0 - max(near[at] - radius, radius - far[at]) / tolerance, 0.0), 1.0)
@@ -208,15 +209,15 @@ def search_degenerate_direction(candidates, angles, problem):
 cdef search_along(Comparison comparison, candidates, const double[::1] angles):
     """Shift each candidate ``(H, 3)`` along its angle [rad] to the best fit, first coarsely, then finely."""
     p, last = comparison.problem.parameters, comparison.score_scale
-    cdef PointViews views = comparison.own
+    cdef OrientedPoints points = comparison.own
     cdef double least = p.translation.min_crossing_sine, reach, step, scale
     cdef Py_ssize_t h, facing
     shifted = np.array(candidates)
     cdef double[:, ::1] poses = shifted
-    cdef unsigned char[::1] faces = np.zeros(views.size, np.uint8)
+    cdef unsigned char[::1] faces = np.zeros(points.size, np.uint8)
     cdef double[::1] value
     with nogil:
-        facing = flag_facing(views, poses, angles, least, faces)
+        facing = flag_facing(points, poses, angles, least, faces)
     if facing < p.degeneracy.min_points:
         return shifted
     for reach, step, scale in (
@@ -224,25 +225,25 @@ cdef search_along(Comparison comparison, candidates, const double[::1] angles):
         value = np.empty(2 * math.floor(reach / step) + 1)
         for h in range(poses.shape[0]):
             with nogil:
-                shift_along(comparison, views, faces, angles[h], step, scale, poses[h], value)
+                shift_along(comparison, points, faces, angles[h], step, scale, poses[h], value)
     return shifted
 
 
-cdef Py_ssize_t flag_facing(PointViews views, const double[:, ::1] poses, const double[::1] angles, double least,
+cdef Py_ssize_t flag_facing(OrientedPoints points, const double[:, ::1] poses, const double[::1] angles, double least,
                             unsigned char[::1] faces) except -1 nogil:
     """Flag points whose normal has a component above `least` along the angle of any candidate; return their number."""
     cdef Py_ssize_t h, k, count = 0
     cdef double c, s
     for h in range(poses.shape[0]):
         c, s = cos(poses[h, 2] - angles[h]), sin(poses[h, 2] - angles[h])
-        for k in range(views.size):
-            if not faces[k] and fabs(c * views.normals[k].real - s * views.normals[k].imag) > least:
+        for k in range(points.size):
+            if not faces[k] and fabs(c * points.normals_view[k].real - s * points.normals_view[k].imag) > least:
                 faces[k] = True
                 count += 1
     return count
 
 
-cdef int shift_along(Comparison comparison, PointViews views, const unsigned char[::1] faces, double angle,
+cdef int shift_along(Comparison comparison, OrientedPoints points, const unsigned char[::1] faces, double angle,
                      double step, double scale, double[::1] candidate, double[::1] value) except -1 nogil:
     """Shift a candidate ``(x, y, theta)`` along an `angle` [rad] by the multiple of `step` [m] with the largest value.
 
@@ -259,15 +260,15 @@ cdef int shift_along(Comparison comparison, PointViews views, const unsigned cha
     for n in range(value.shape[0]):
         shift = shift_of(n, step)
         pose.x, pose.y, value[n] = candidate[0] + shift * c, candidate[1] + shift * s, 0.0
-        for k in range(views.size):
+        for k in range(points.size):
             if not faces[k]:
                 continue
-            match_point(views, comparison.field, k, &pose, comparison.min_cosine, &found)
-            e = found.error * views.inverse_noise[k]
+            match_point(points, comparison.field, k, &pose, comparison.min_cosine, &found)
+            e = found.error * points.inverse_noise_view[k]
             weight = exp(factor * e * e) if found.alike else 0.0
-            component = (found.nx * c - found.ny * s) * views.inverse_noise[k]
+            component = (found.nx * c - found.ny * s) * points.inverse_noise_view[k]
             lost = violation(comparison.near, found.x + pose.x, found.y + pose.y,
-                             comparison.tolerance / views.inverse_noise[k])
+                             comparison.tolerance / points.inverse_noise_view[k])
             value[n] += weight * component * component - comparison.against * lost * (1.0 - weight)
         value[n] -= TINY * fabs(shift)
     shift = shift_of(first_largest(value), step)

@@ -33,15 +33,15 @@ def decide(problem: Problem, fine: Ranking) -> Registration:
     score = float(fine.score[0])
     covariance, observed, rivals, evidence, odds = assess(problem, fine)
     degenerate = observed.weak < p.min_information
-    certainty = confidence(odds[0], np.array(odds)[rivals].tolist())
     hypotheses = tuple(Hypothesis(SE2.from_array(candidate), *values) for candidate, *values
                        in zip(fine.candidates.tolist(), fine.score.tolist(), odds, strict=True))
+    others = tuple(each for each, rival in zip(hypotheses, rivals.tolist(), strict=True) if rival)
+    certainty = confidence(odds[0], [each.log_odds for each in others])
     transform = hypotheses[0].transform
-    if certainty < p.min_confidence:
-        covariance = covariance + rival_covariance(fine.candidates, np.array(odds), rivals)
     status, reasons = judge(score, evidence, observed, certainty, p)
-    if certainty < p.min_confidence and rivals.any():
-        reasons.append(f'rivals: {np.count_nonzero(rivals)}')
+    if others and certainty < p.min_confidence:
+        covariance = covariance + rival_covariance(fine.candidates, np.array(odds), rivals)
+        reasons.append(f'rivals: {len(others)}')
     if status is not Status.OK and covariance[2, 2] > UNKNOWN_HEADING ** 2:
         reasons.append('heading unknown')
     found = Registration(
@@ -51,7 +51,7 @@ def decide(problem: Problem, fine: Ranking) -> Registration:
         find_matches=partial(match_segments, reference.segments, current.segments, transform),
         reason='; '.join(reasons), weakest_information=observed.weak,
         rotation_unobservable=observed.rotation < p.min_information, confidence=certainty, evidence=evidence,
-        rivals=tuple(each for each, rival in zip(hypotheses, rivals.tolist(), strict=True) if rival))
+        rivals=others)
     return found if problem.prior is None else demoted_if_poor(found, p)
 
 

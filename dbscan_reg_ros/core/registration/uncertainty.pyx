@@ -9,10 +9,10 @@ from .residuals import Observability
 
 from libc.math cimport cos, exp, fabs, sin, sqrt
 
+from ..features.oriented_points cimport OrientedPoints
 from ..geometry.plane cimport length_of
 from ..geometry.symmetric cimport Weakest, read_weakest, write_inverse
 from .point_to_line cimport product_imag
-from .views cimport PointViews, views_of
 
 cdef double SIGMAS = tolerance.SIGMAS, TINY = tolerance.TINY
 # Number of neighbouring points whose normals are correlated.
@@ -20,7 +20,7 @@ cdef double DEPENDENT = 5.0
 cdef double CORRIDOR_RATIO = residual_records.CORRIDOR_RATIO
 
 
-def uncertainty(candidate, found, points, double noise, p):
+def uncertainty(candidate, found, OrientedPoints points, double noise, p):
     """Return the covariance ``(3, 3)`` of a motion in the current sensor's frame, and its `Observability`.
 
     Parameters
@@ -37,21 +37,20 @@ def uncertainty(candidate, found, points, double noise, p):
     cdef const double[:, ::1] error = found.error
     cdef const unsigned char[:, ::1] alike = found.alike
     cdef const double complex[:, ::1] normal = found.normals, rotated = found.rotated_points
-    cdef PointViews views = views_of(points)
     cdef double theta = candidate[2], c = cos(theta), s = sin(theta), x, y, nx, ny, scale = p.refinement.score_scale
     cdef double factor = -0.5 / (scale * scale)
-    cdef double[:, ::1] rows = np.empty((3, views.size)), own = np.empty((3, views.size))
-    cdef double[::1] weight = np.empty(views.size)
+    cdef double[:, ::1] rows = np.empty((3, points.size)), own = np.empty((3, points.size))
+    cdef double[::1] weight = np.empty(points.size)
     cdef Py_ssize_t k
     with nogil:
-        for k in range(views.size):
+        for k in range(points.size):
             x, y = rotated[0, k].real, rotated[0, k].imag
             rows[0, k], rows[1, k] = normal[0, k].real, -normal[0, k].imag
             rows[2, k] = -product_imag(normal[0, k], rotated[0, k])
-            nx, ny = views.normals[k].real * views.inverse_noise[k], views.normals[k].imag * views.inverse_noise[k]
+            nx, ny = points.normals_view[k].real * points.inverse_noise_view[k], points.normals_view[k].imag * points.inverse_noise_view[k]
             own[0, k], own[1, k] = c * nx - s * ny, s * nx + c * ny
             own[2, k] = x * own[1, k] - y * own[0, k]
-            weight[k] = exp(factor * error[0, k] * error[0, k]) * views.weights[k] if alike[0, k] else 0.0
+            weight[k] = exp(factor * error[0, k] * error[0, k]) * points.weights_view[k] if alike[0, k] else 0.0
     return covariance_of(error[0], weight, rows, own, noise, p.decision, theta, False, False)
 
 

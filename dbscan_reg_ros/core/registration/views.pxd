@@ -28,15 +28,7 @@ cdef class Lines:
     cdef const unsigned char[::1] table
     cdef const double complex[::1] normals
     cdef const double[::1] offsets, along, extents
-    cdef Py_ssize_t no_point
-    cdef Grid grid
     cdef FieldArrays arrays
-
-
-cdef class PointViews:
-    cdef const double complex[::1] points, normals
-    cdef const double[::1] weights, inverse_noise
-    cdef Py_ssize_t size
 
 
 cdef class SegmentViews:
@@ -48,7 +40,6 @@ cdef class SegmentViews:
 
 
 cdef Lines lines_of(field)
-cdef PointViews views_of(oriented)
 cdef SegmentViews views_of_segments(segments)
 
 
@@ -59,13 +50,13 @@ cdef inline Py_ssize_t clipped(double cell, Py_ssize_t size) noexcept nogil:
     return size - 1 if cell >= <double> (size - 1) else <Py_ssize_t> cell
 
 
-cdef inline Py_ssize_t nearest(const unsigned char[::1] table, Grid *grid, double x, double y) except -1 nogil:
-    """Return the index of the point nearest to (x, y) [m], from the bytes of the `table`."""
-    cdef Py_ssize_t row = clipped((x - grid.x) * grid.inverse_cell, grid.rows)
-    cdef Py_ssize_t cell = row * grid.columns + clipped((y - grid.y) * grid.inverse_cell, grid.columns)
+cdef inline Py_ssize_t nearest(FieldArrays *field, double x, double y) noexcept nogil:
+    """Return the index of the point nearest to (x, y) [m]."""
+    cdef Grid *grid = &field.grid
+    cdef Py_ssize_t cell = (clipped((x - grid.x) * grid.inverse_cell, grid.rows) * grid.columns
+                            + clipped((y - grid.y) * grid.inverse_cell, grid.columns))
     if grid.width == 1:
-        return table[cell]
-    cell *= grid.width
+        return field.table[cell]
     if grid.width == 2:
-        return (<const unsigned short *> &table[cell])[0]
-    return (<const unsigned int *> &table[cell])[0]
+        return (<const unsigned short *> field.table)[cell]
+    return (<const unsigned int *> field.table)[cell]

@@ -5,8 +5,6 @@ import numpy as np
 
 from libc.math cimport cos, sin
 
-from ..features.oriented_points cimport given_or_ones
-
 
 cdef Grid grid_of(field) except *:
     """Return the `Grid` of a `LikelihoodField`."""
@@ -24,30 +22,18 @@ cdef class Lines:
     def __cinit__(self, field):
         self.table, self.normals, self.offsets = field.index.view(np.uint8), field.normals, field.offsets
         self.along, self.extents = field.along, field.extents
-        self.grid, self.no_point = grid_of(field), self.normals.shape[0] - 1
+        cdef Grid grid = grid_of(field)
         cdef Py_ssize_t size = self.normals.shape[0]
-        if (self.grid.rows * self.grid.columns * self.grid.width != self.table.shape[0] or not self.table.shape[0]
+        if (grid.rows * grid.columns * grid.width != self.table.shape[0] or not self.table.shape[0]
                 or not size or not size == self.offsets.shape[0] == self.along.shape[0] == self.extents.shape[0]):
             raise IndexError('a table of another size than its grid, or arrays of different lengths')
-        self.arrays = FieldArrays(self.grid, &self.table[0], &self.normals[0], &self.offsets[0], &self.along[0],
+        if field.index.max() >= size:
+            raise IndexError('a table with an index of no point')
+        self.arrays = FieldArrays(grid, &self.table[0], &self.normals[0], &self.offsets[0], &self.along[0],
                                   &self.extents[0], size)
 
     def __reduce__(self):
         """Copies of the field make views of their own."""
-        return type(None), ()
-
-
-cdef class PointViews:
-    """Views of `OrientedPoints`."""
-
-    def __cinit__(self, oriented):
-        self.points, self.normals = oriented.points, oriented.normals
-        self.size = self.points.shape[0]
-        self.weights = given_or_ones(oriented.weights, self.size)
-        self.inverse_noise = given_or_ones(oriented.inverse_noise, self.size)
-
-    def __reduce__(self):
-        """Copies of the points make views of their own."""
         return type(None), ()
 
 
@@ -78,15 +64,6 @@ cdef Lines lines_of(field):
     if views is None:
         views = kept['compiled_views'] = Lines(field)
     return <Lines> views
-
-
-cdef PointViews views_of(oriented):
-    """Return the views of `OrientedPoints`, which are kept with them."""
-    cdef dict kept = oriented.__dict__
-    views = kept.get('compiled_views')
-    if views is None:
-        views = kept['compiled_views'] = PointViews(oriented)
-    return <PointViews> views
 
 
 cdef SegmentViews views_of_segments(segments):

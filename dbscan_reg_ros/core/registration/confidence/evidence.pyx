@@ -3,7 +3,6 @@
 """Evidence for and against motions."""
 import numpy as np
 
-from ...features.records import EndKind
 from ...geometry import tolerance
 from ..hypotheses import Assessment
 from ..records import Evidence
@@ -13,7 +12,7 @@ from . import model as confidence_model
 
 from libc.math cimport INFINITY, M_PI, cos, exp, fabs, log, log1p, sin, sqrt
 
-from ...features.oriented_points cimport given_or_ones
+from ...features.oriented_points cimport OrientedPoints
 from ...geometry.plane cimport bin_of, cross, dot, length_of, modulus, rotated, wrap
 from ...geometry.symmetric cimport Factors, factors, squared_distance
 from ..views cimport SegmentViews, views_of_segments
@@ -58,28 +57,6 @@ cdef inline double nearest_of(double complex place, const double complex[::1] ot
     return nearest
 
 
-cdef const double complex[::1] fixed_ends(segments):
-    """Return the corners and free ends of the segments, as `Segments.fixed_ends`, and keep them there."""
-    cdef dict kept = segments.__dict__
-    cdef const Py_ssize_t[:, :] kinds
-    cdef const double[:, :] start, end
-    cdef double complex[::1] place
-    cdef Py_ssize_t free_end = EndKind.FREE, occlusion = EndKind.OCCLUSION, k, count = 0
-    if 'fixed_ends' not in kept:
-        kinds, start, end = segments.kinds, segments.start, segments.end
-        place = places = np.empty(2 * kinds.shape[0], complex)
-        for k in range(kinds.shape[0]):
-            if kinds[k, 0] != occlusion:
-                place[count] = start[k, 0] + 1j * start[k, 1]
-                count += 1
-        for k in range(kinds.shape[0]):
-            if kinds[k, 1] == free_end:
-                place[count] = end[k, 0] + 1j * end[k, 1]
-                count += 1
-        kept['fixed_ends'] = places[:count]
-    return kept['fixed_ends']
-
-
 cdef double crossing_of(SegmentViews reference, SegmentViews current, const double[:] candidate) except? -1.0 nogil:
     """Return the length [m] of the matched segments across their main direction."""
     cdef double c = cos(candidate[2]), s = sin(candidate[2]), overlap, length, total = 0.0
@@ -117,12 +94,14 @@ def collect_evidence(const double[:, :] candidates, fits, weak, reference, curre
     cdef const double[:, ::1] error = fits.error
     cdef const unsigned char[:, ::1] alike = fits.alike
     cdef const double complex[:, ::1] place = fits.places
-    cdef const double complex[::1] own = reference.sampled_points.points
-    cdef const double complex[::1] ends_r = fixed_ends(reference.segments), ends_o = fixed_ends(current.segments)
+    cdef OrientedPoints compared = current.sampled_points, owned = reference.sampled_points
+    cdef const double complex[::1] own = owned.points_view
+    cdef const double complex[::1] ends_r = reference.segments.fixed_ends
+    cdef const double complex[::1] ends_o = current.segments.fixed_ends
     cdef const double[::1] near_r = reference.free_space.near, far_r = reference.free_space.far
     cdef const double[::1] near_o = current.free_space.near, far_o = current.free_space.far
     cdef Py_ssize_t size = error.shape[1], count = own.shape[0], h, k, on_outline, matched, unmatched
-    cdef const double[::1] weights = given_or_ones(current.sampled_points.weights, size)
+    cdef const double[::1] weights = compared.weights_view
     cdef double tolerance = parameters.density.violation_tolerance, scale = parameters.refinement.score_scale
     cdef double chance = chance_conflicts(reference.isolated, current.isolated)
     cdef double factor = -0.5 / (scale * scale), same_place = SAME_PLACE, crossing
