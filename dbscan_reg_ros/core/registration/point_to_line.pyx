@@ -58,7 +58,7 @@ cdef class Hypotheses:
     """Hypotheses of a motion, and the work of sorting and choosing them."""
 
     def __cinit__(self, exempt, others=()):
-        self.reserve(len(exempt) + len(others))
+        self.reserve(max(len(exempt) + len(others), 1))
         for motions in (exempt, others):
             if len(motions):
                 self.add(motions)

@@ -9,7 +9,7 @@ from .hypotheses import Ranking
 from .point_to_line import fit
 from .scoring import preselect
 
-from libc.math cimport cos, exp, fabs, sin, sqrt
+from libc.math cimport cos, exp, sin, sqrt
 from libc.string cimport memcpy
 
 from ..features.oriented_points cimport OrientedPoints
@@ -18,7 +18,7 @@ from ..geometry.plane cimport length_of, wrap
 from ..geometry.symmetric cimport Weakest, squared_distance, weakest_direction
 from .point_to_line cimport Equations, Hypotheses, Hypothesis, Match, Pose, add_points, match_point, pose_at
 from .point_to_line cimport refine_hypotheses, solve_step
-from .scoring cimport Comparison, are_near, search_along, write_reverse_conflicts, write_scores
+from .scoring cimport Comparison, choose_distinct, search_along, write_reverse_conflicts, write_scores
 
 cdef double TINY = tolerance.TINY
 
@@ -220,28 +220,6 @@ cdef int keep_top_candidates(Search search, Hypotheses found) except -1:
             index[count] = h
             count += 1
     return found.select(index, count)
-
-
-cdef Py_ssize_t choose_distinct(Hypotheses found, Py_ssize_t most, double most_apart, double angle,
-                                Py_ssize_t[::1] flag, Py_ssize_t[::1] chosen) except -1:
-    """Flag the first hypotheses that differ from all chosen before, by a distance or an angle; count them."""
-    cdef Py_ssize_t k, i, count = 0
-    cdef bint differs
-    cdef Hypothesis *one
-    cdef Hypothesis *other
-    for k in range(found.size):
-        if count == most:
-            break
-        differs, one = True, &found.rows[k]
-        for i in range(count):
-            other = &found.rows[chosen[i]]
-            if are_near(one.x - other.x, one.y - other.y, one.theta - other.theta, most_apart, angle):
-                differs = False
-                break
-        if differs:
-            chosen[count], flag[k] = k, True
-            count += 1
-    return count
 
 
 cdef int add_shifted(Search search, Hypotheses found) except -1:

@@ -5,7 +5,7 @@ from libc.math cimport fabs
 
 from ..features.oriented_points cimport OrientedPoints
 from ..geometry.plane cimport bin_of, length_of, wrap
-from .point_to_line cimport Hypotheses, Hypothesis
+from .point_to_line cimport Hypotheses
 from .views cimport Lines
 
 
@@ -29,4 +29,6 @@ cdef class Comparison:
 
 cdef int write_scores(Comparison comparison, Hypotheses found) except -1 nogil
 cdef int write_reverse_conflicts(Comparison comparison, Hypotheses found, double[::1] fraction) except -1
+cdef Py_ssize_t choose_distinct(Hypotheses found, Py_ssize_t most, double most_apart, double angle,
+                                Py_ssize_t[::1] flag, Py_ssize_t[::1] chosen) except -1
 cdef search_along(Comparison comparison, candidates, const double[::1] angles)

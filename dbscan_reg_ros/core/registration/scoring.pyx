@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
 """Scores of hypotheses, and which of them differ (section 2.3)."""
-import math
-
 import numpy as np
 
 from ..features.oriented_points import sample
-from ..geometry import se2, tolerance
+from ..geometry import tolerance
 
 from libc.math cimport cos, exp, fabs, sin
 
 from ..features.oriented_points cimport OrientedPoints
 from ..geometry.ordering cimport first_largest, sort_up_to_rounding
 from ..geometry.plane cimport bin_of, length_of
-from .point_to_line cimport Hypotheses, Match, Pose, match_point, pose_at
+from .point_to_line cimport Hypotheses, Hypothesis, Match, Pose, match_point, pose_at
 from .views cimport lines_of
 
 cdef double TINY = tolerance.TINY
@@ -172,21 +170,42 @@ def distinct(candidates, Py_ssize_t count, double distance, double angle):
 
     Two hypotheses differ if they are more than `distance` [m] or more than `angle` [rad] apart.
     """
-    chosen = []
-    rows = candidates.tolist()
-    for index, (x, y, theta) in enumerate(rows):
-        if all(math.hypot(x - a, y - b) > distance or abs(se2.wrap(theta - c)) > angle
-               for a, b, c in map(rows.__getitem__, chosen)):
-            chosen.append(index)
-            if len(chosen) == count:
+    cdef Hypotheses found = Hypotheses(candidates)
+    count = choose_distinct(found, count, distance, angle, found.index[0], found.index[1])
+    return np.asarray(found.index[1, :count]).tolist()
+
+
+cdef Py_ssize_t choose_distinct(Hypotheses found, Py_ssize_t most, double most_apart, double angle,
+                                Py_ssize_t[::1] flag, Py_ssize_t[::1] chosen) except -1:
+    """Flag the first hypotheses that differ from all chosen before, by a distance or an angle; count them."""
+    cdef Py_ssize_t k, i, count = 0
+    cdef bint differs
+    cdef Hypothesis *one
+    cdef Hypothesis *other
+    for k in range(found.size):
+        if count == most:
+            break
+        differs, one = True, &found.rows[k]
+        for i in range(count):
+            other = &found.rows[chosen[i]]
+            if are_near(one.x - other.x, one.y - other.y, one.theta - other.theta, most_apart, angle):
+                differs = False
                 break
-    return chosen
+        if differs:
+            chosen[count], flag[k] = k, True
+            count += 1
+    return count
 
 
-def same(candidates, one, double distance, double angle):
+def same(const double[:, :] candidates, const double[:] one, double distance, double angle):
     """Whether each hypothesis ``(H, 3)`` lies within `distance` [m] and `angle` [rad] of `one` ``(3,)``."""
-    near = np.hypot(candidates[:, 0] - one[0], candidates[:, 1] - one[1]) <= distance
-    return near & (np.abs(se2.wrap(candidates[:, 2] - one[2])) <= angle)
+    flags = np.empty(candidates.shape[0], dtype=bool)
+    cdef unsigned char[::1] near = flags
+    cdef Py_ssize_t h
+    for h in range(near.shape[0]):
+        near[h] = are_near(candidates[h, 0] - one[0], candidates[h, 1] - one[1], candidates[h, 2] - one[2], distance,
+                           angle)
+    return flags
 
 
 def search_degenerate_direction(candidates, angles, problem):
@@ -222,7 +241,7 @@ cdef search_along(Comparison comparison, candidates, const double[::1] angles):
         return shifted
     for reach, step, scale in (
             (p.degeneracy.search_distance, 2.0 * last, 3.0 * last), (2.5 * last, 0.4 * last, last)):
-        value = np.empty(2 * math.floor(reach / step) + 1)
+        value = np.empty(2 * <Py_ssize_t> (reach / step) + 1)
         for h in range(poses.shape[0]):
             with nogil:
                 shift_along(comparison, points, faces, angles[h], step, scale, poses[h], value)
