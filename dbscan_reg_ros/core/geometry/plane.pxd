@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, wraparound=False, cdivision=True
 """Vectors of the plane as complex numbers; lines by total least squares; bins of bearings."""
-from libc.math cimport M_PI, atan2, copysign, fabs, floor, fmod, rint, sqrt
+from libc.math cimport M_PI, atan2, copysign, fabs, fmod, rint, sqrt
 
 
 cdef inline double complex vector(double x, double y) noexcept nogil:
@@ -91,14 +91,19 @@ cdef inline double rough_arctangent(double x, double y) noexcept nogil:
     """
     cdef double across = fabs(x), up = fabs(y), ratio = min(across, up) / max(across, up), s = ratio * ratio
     cdef double angle = ratio * (0.9998660 + s * (-0.3302995 + s * (0.1801410 + s * (-0.0851330 + s * 0.0208351))))
-    angle = 0.5 * M_PI - angle if up > across else angle
-    angle = M_PI - angle if x < 0.0 else angle
-    return -angle if y < 0.0 else angle
+    # Without branches, which no processor foresees.
+    angle = (0.5 * M_PI if up > across else 0.0) + (-1.0 if up > across else 1.0) * angle
+    angle = (M_PI if x < 0.0 else 0.0) + (-1.0 if x < 0.0 else 1.0) * angle
+    return (-1.0 if y < 0.0 else 1.0) * angle
 
 
 cdef inline Py_ssize_t bin_of(double x, double y, Py_ssize_t size) noexcept nogil:
     """Return which of `size` bins of the full circle a point lies in: near an edge by the exact bearing."""
-    cdef double place = (rough_arctangent(x, y) + M_PI) * (size / (2.0 * M_PI)), rest = place - floor(place)
-    if rest > 1e-5 * size and rest < 1.0 - 1e-5 * size:
-        return <Py_ssize_t> place
+    cdef double place = (rough_arctangent(x, y) + M_PI) * (size / (2.0 * M_PI)), rest
+    cdef Py_ssize_t number
+    if place >= 0.0:
+        number = <Py_ssize_t> place
+        rest = place - <double> number
+        if rest > 1e-5 * size and rest < 1.0 - 1e-5 * size:
+            return number
     return min(<Py_ssize_t> ((atan2(y, x) + M_PI) * (size / (2.0 * M_PI))), size - 1)

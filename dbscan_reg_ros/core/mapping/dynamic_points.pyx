@@ -132,7 +132,7 @@ cdef contains(const double complex[::1] own, pose, Slots slots, Py_ssize_t frame
               const double[::1] inverse_noise):
     """Return which points of a scan lie in space that one of the latest key frames saw to be free."""
     cdef Py_ssize_t k, p
-    cdef double c = cos(pose.theta), s = sin(pose.theta), x0 = pose.x, y0 = pose.y, x, y, dx, dy
+    cdef double c = cos(pose.theta), s = sin(pose.theta), x0 = pose.x, y0 = pose.y, x, y, dx, dy, least
     cdef Slot *slot
     flags = np.zeros(own.shape[0], dtype=bool)
     cdef unsigned char[::1] flag = flags
@@ -140,11 +140,12 @@ cdef contains(const double complex[::1] own, pose, Slots slots, Py_ssize_t frame
         for p in range(own.shape[0]):
             x = c * own[p].real - s * own[p].imag + x0
             y = s * own[p].real + c * own[p].imag + y0
+            least = margin / inverse_noise[p]
             for k in range(max(slots.count - frames, 0), slots.count):
                 slot = &slots.slots[k]
                 dx, dy = x - slot.x, y - slot.y
                 if (slot.nearby[bin_of(slot.c * dx - slot.s * dy, slot.s * dx + slot.c * dy, slot.bins)]
-                        - length_of(dx, dy) > margin / inverse_noise[p]):
+                        - length_of(dx, dy) > least):
                     flag[p] = True
                     break
     return flags

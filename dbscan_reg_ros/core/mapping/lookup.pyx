@@ -209,13 +209,16 @@ def look_up_subsets(const unsigned char[::1] in_every_frame, const Py_ssize_t[::
                 row[own[i], always + end[own[i]]] = i
                 end[own[i]] += 1
         for subset in range(subsets):
-            j = always + count[subset]
-            for i in range(size):
-                if count[subset] == 0 and own[i] >= 0 and j < always + most:
-                    row[subset, j] = i
-                    j += 1
-            for i in range(j, always + most):
-                row[subset, i] = row[subset, i - count[subset]]
+            if count[subset] == 0:
+                # Without points of its own, the first of any.
+                j = always
+                for i in range(size):
+                    if own[i] >= 0 and j < always + most:
+                        row[subset, j] = i
+                        j += 1
+            else:
+                for i in range(always + count[subset], always + most):
+                    row[subset, i] = row[subset, i - count[subset]]
     return chosen
 
 
