@@ -79,5 +79,6 @@ def extract_from_returns(Returns returns, parameters, double noise_ratio, double
     if increment < 0.0:
         segments = segments.reversed()
     pairs = vectors.view(float).reshape(2, size, 2)
-    features = Features(returns.scan, pairs[0], beams, breaks, pairs[1], segments, left, parameters.density, noise_ratio)
+    features = Features(returns.scan, pairs[0], beams, breaks, pairs[1], segments, left, parameters.density, noise_ratio,
+                        twist=returns.twist)
     return with_poles(features, pole_size, parameters.segments) if pole_size else features

@@ -16,3 +16,5 @@ cdef class OrientedPoints:
 
 
 cdef const double[::1] given_or_ones(values, Py_ssize_t size)
+cdef OrientedPoints oriented_with_poles(const double[:, ::1] place, const double[:, ::1] facing,
+                                        const Py_ssize_t[::1] of, OrientedPoints poles, weights, double noise_scale)

@@ -5,7 +5,7 @@ import numpy as np
 
 from ..geometry import tolerance
 
-from ..geometry.plane cimport rotated
+from ..geometry.plane cimport modulus, rotated, vector
 
 cdef double TINY = tolerance.TINY
 
@@ -78,6 +78,48 @@ cdef class OrientedPoints:
         step = spacing(self.size, count)
         # Contiguous copies: with numpy 1.26 the last bit of a product over strided arrays depends on their address.
         return self if step <= 1 else self.select(np.arange(0, self.size, step))
+
+
+cdef OrientedPoints oriented_with_poles(const double[:, ::1] place, const double[:, ::1] facing,
+                                        const Py_ssize_t[::1] of, OrientedPoints poles, weights, double noise_scale):
+    """Collect the points that have a normal, and the poles.
+
+    Parameters
+    ----------
+    place, facing : (P, 2) float
+        Points [m] and their normals; 0 for points without one.
+    of : (P,) int
+        Beam of each point.
+    poles : OrientedPoints or None
+    weights : (Q,) float or None
+        Weight of each point that is collected; None: poles have their own, all others 1.
+    noise_scale : float
+        Noise scale of a point per range [1/m]; points with a scale below 1 have 1.
+    """
+    cdef Py_ssize_t size = of.shape[0] + (0 if poles is None else poles.size), walls = 0, count, k
+    vectors, numbers, beams = np.empty((2, size), complex), np.ones((2, size)), np.empty(size, np.intp)
+    cdef double complex[:, ::1] each = vectors
+    cdef double[::1] weight = numbers[0], inverse_noise = numbers[1]
+    cdef Py_ssize_t[::1] beam = beams
+    cdef bint noisy = False
+    for k in range(of.shape[0]):
+        if facing[k, 0] != 0.0 or facing[k, 1] != 0.0:
+            each[0, walls], each[1, walls] = vector(place[k, 0], place[k, 1]), vector(facing[k, 0], facing[k, 1])
+            beam[walls] = of[k]
+            walls += 1
+    count = walls
+    if poles is not None:
+        count += poles.size
+        for k in range(poles.size):
+            each[0, walls + k], each[1, walls + k] = poles.points_view[k], poles.normals_view[k]
+            beam[walls + k], weight[walls + k] = poles.beams_view[k], poles.weights_view[k]
+    for k in range(count if noise_scale > 0.0 else 0):
+        inverse_noise[k] = 1.0 / max(noise_scale * modulus(each[0, k]), 1.0)
+        noisy |= inverse_noise[k] < 1.0
+    if poles is not None and weights is None:
+        weights = numbers[0, :count]
+    return OrientedPoints(vectors[0, :count], vectors[1, :count], beams[:count], weights,
+                          numbers[1, :count] if noisy else None)
 
 
 def spacing(Py_ssize_t size, Py_ssize_t count):

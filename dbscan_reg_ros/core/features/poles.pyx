@@ -28,7 +28,7 @@ cdef struct Ring:
 cdef Ring ring_of(Features features) except *:
     """Return the `Ring` of a scan."""
     cdef Ring ring
-    geometry = features.scan.geometry
+    geometry = features.measured.geometry
     ring.size, ring.closed, ring.increment = features.beams.shape[0], geometry.closed, fabs(geometry.angle_increment)
     ring.circle = round(2.0 * math.pi / ring.increment) if ring.closed else geometry.size
     return ring

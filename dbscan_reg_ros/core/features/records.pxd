@@ -11,16 +11,15 @@ cdef class Segments:
 
 
 cdef class Features:
-    cdef readonly object scan, points, beams, breaks, normals, density, weights
+    cdef readonly object measured, twist, points, beams, breaks, normals, density, weights
     cdef readonly Segments segments
     cdef readonly double noise, noise_ratio
     cdef readonly OrientedPoints poles, map_points
     # Made when first asked for.
     cdef OrientedPoints _wall_points, _oriented_points, _sampled_points
-    cdef object _leverage, _isolated, _free_space, _likelihood_field
+    cdef object _scan, _leverage, _isolated, _free_space, _likelihood_field
 
     cdef OrientedPoints oriented(self)
     cdef OrientedPoints sampled(self)
-    cdef OrientedPoints orient(self)
     cdef Features copied(self)
     cdef Features with_points_of(self, normals, OrientedPoints poles, weights, double noise_ratio)

@@ -43,7 +43,8 @@ class Segments:
     def reversed(self) -> Segments: ...
 
 class Features:
-    scan: Scan
+    measured: Scan
+    twist: FloatArray | None
     points: FloatArray
     beams: IntArray
     breaks: BoolArray
@@ -58,7 +59,7 @@ class Features:
 
     def __init__(
         self,
-        scan: Scan,
+        measured: Scan,
         points: FloatArray,
         beams: IntArray,
         breaks: BoolArray,
@@ -70,12 +71,15 @@ class Features:
         poles: OrientedPoints | None = None,
         weights: FloatArray | None = None,
         map_points: OrientedPoints | None = None,
+        twist: FloatArray | None = None,
     ) -> None: ...
     def without(self, left_out: BoolArray) -> Features: ...
     def downweighted(self, points: IntArray | BoolArray, weights: FloatArray | float) -> Features: ...
     def without_poles(self) -> Features: ...
     def with_noise_ratio(self, noise_ratio: float) -> Features: ...
     def with_map_points(self, map_points: OrientedPoints) -> Features: ...
+    @property
+    def scan(self) -> Scan: ...
     @property
     def wall_points(self) -> OrientedPoints: ...
     @property

@@ -9,11 +9,12 @@ import numpy as np
 from ..geometry.se2 import wrap
 from ..scan_geometry import read_only
 from .oriented_points import leverage
+from .returns import deskew
 from .tables import build_free_space_profile, build_likelihood_field
 
-from ..geometry.plane cimport modulus, vector
+from ..geometry.plane cimport vector
 from .noise cimport TYPICAL
-from .oriented_points cimport OrientedPoints
+from .oriented_points cimport OrientedPoints, oriented_with_poles
 
 cdef enum:
     KIND_FREE = 1
@@ -105,7 +106,10 @@ cdef class Features:
 
     Attributes
     ----------
-    scan : Scan
+    measured : Scan
+        The scan as it was measured.
+    twist : (3,) float or None
+        Velocity of the sensor [m/s, m/s, rad/s] with which the scan was deskewed; None: not deskewed.
     points : (P, 2) float [m]
         Filtered points in the frame of the sensor, in beam order.
     beams : (P,) int
@@ -128,9 +132,11 @@ cdef class Features:
         Points of other scans that belong to `likelihood_field` as well.
     """
 
-    def __init__(self, scan, points, beams, breaks, normals, Segments segments, double noise, density,
-                 double noise_ratio, OrientedPoints poles=None, weights=None, OrientedPoints map_points=None):
-        self.scan, self.points, self.beams = scan, read_only(points), read_only(beams)
+    def __init__(self, measured, points, beams, breaks, normals, Segments segments, double noise, density,
+                 double noise_ratio, OrientedPoints poles=None, weights=None, OrientedPoints map_points=None,
+                 twist=None):
+        self.measured, self.twist = measured, twist
+        self.points, self.beams = read_only(points), read_only(beams)
         self.breaks, self.normals = read_only(breaks), read_only(normals)
         self.segments, self.noise, self.density, self.noise_ratio = segments, noise, density, noise_ratio
         self.poles, self.weights, self.map_points = poles, weights, map_points
@@ -140,17 +146,15 @@ cdef class Features:
                 f'of {self.scan!r})')
 
     def __reduce__(self):
-        return Features, (self.scan, self.points, self.beams, self.breaks, self.normals, self.segments, self.noise,
-                          self.density, self.noise_ratio, self.poles, self.weights, self.map_points)
+        return Features, (self.measured, self.points, self.beams, self.breaks, self.normals, self.segments, self.noise,
+                          self.density, self.noise_ratio, self.poles, self.weights, self.map_points, self.twist)
 
     cdef Features copied(self):
         """Return a copy, to be changed, with all that was made."""
-        cdef Features copy = Features(self.scan, self.points, self.beams, self.breaks, self.normals, self.segments,
-                                      self.noise, self.density, self.noise_ratio, self.poles, self.weights,
-                                      self.map_points)
+        cdef Features copy = Features(*self.__reduce__()[1])
         copy._wall_points, copy._oriented_points, copy._sampled_points = (
             self._wall_points, self._oriented_points, self._sampled_points)
-        copy._leverage, copy._isolated = self._leverage, self._isolated
+        copy._scan, copy._leverage, copy._isolated = self._scan, self._leverage, self._isolated
         copy._free_space, copy._likelihood_field = self._free_space, self._likelihood_field
         return copy
 
@@ -203,6 +207,13 @@ cdef class Features:
         return other
 
     @property
+    def scan(self):
+        """The scan, deskewed."""
+        if self._scan is None:
+            self._scan = self.measured if self.twist is None else deskew(self.measured, self.twist)
+        return self._scan
+
+    @property
     def wall_points(self):
         """The points that have a normal."""
         if self._wall_points is None:
@@ -252,7 +263,7 @@ cdef class Features:
     def free_space(self):
         """Free-space profile of this scan."""
         if self._free_space is None:
-            self._free_space = build_free_space_profile(self.points, self.scan.geometry.angle_increment)
+            self._free_space = build_free_space_profile(self.points, self.measured.geometry.angle_increment)
         return self._free_space
 
     cdef OrientedPoints sampled(self):
@@ -264,35 +275,6 @@ cdef class Features:
     cdef OrientedPoints oriented(self):
         """Return the `oriented_points`."""
         if self._oriented_points is None:
-            self._oriented_points = self.orient()
+            self._oriented_points = oriented_with_poles(self.points, self.normals, self.beams, self.poles, self.weights,
+                                                        self.noise_ratio / TYPICAL)
         return self._oriented_points
-
-    cdef OrientedPoints orient(self):
-        """Collect the points with normals, and the poles."""
-        cdef const double[:, ::1] place = self.points, facing = self.normals
-        cdef const Py_ssize_t[::1] of = self.beams
-        cdef OrientedPoints poles = self.poles
-        cdef Py_ssize_t size = of.shape[0] + (0 if poles is None else poles.size), walls = 0, count, k
-        vectors, numbers, beams = np.empty((2, size), complex), np.ones((2, size)), np.empty(size, np.intp)
-        cdef double complex[:, ::1] each = vectors
-        cdef double[::1] weight = numbers[0], inverse_noise = numbers[1]
-        cdef Py_ssize_t[::1] beam = beams
-        cdef double scale = self.noise_ratio / TYPICAL
-        cdef bint noisy = False
-        for k in range(of.shape[0]):
-            if facing[k, 0] != 0.0 or facing[k, 1] != 0.0:
-                each[0, walls], each[1, walls] = vector(place[k, 0], place[k, 1]), vector(facing[k, 0], facing[k, 1])
-                beam[walls] = of[k]
-                walls += 1
-        count = walls
-        if poles is not None:
-            count += poles.size
-            for k in range(poles.size):
-                each[0, walls + k], each[1, walls + k] = poles.points_view[k], poles.normals_view[k]
-                beam[walls + k], weight[walls + k] = poles.beams_view[k], poles.weights_view[k]
-        for k in range(count if scale > 0.0 else 0):
-            inverse_noise[k] = 1.0 / max(scale * modulus(each[0, k]), 1.0)
-            noisy |= inverse_noise[k] < 1.0
-        weights = self.weights if poles is None or self.weights is not None else numbers[0, :count]
-        return OrientedPoints(vectors[0, :count], vectors[1, :count], beams[:count], weights,
-                              numbers[1, :count] if noisy else None)

@@ -3,7 +3,7 @@
 cdef class Returns:
     cdef readonly object scan
     cdef readonly double noise
-    cdef object limits
+    cdef object limits, twist
     # Points of all beams (N,) complex; ranges and beams of the returns, and their number.
     cdef object places
     cdef const double[::1] ranges

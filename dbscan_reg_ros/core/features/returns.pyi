@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Returns of a scan that the parameters admit, with their noise."""
+from collections.abc import Sequence
+
 from ..geometry.array_types import BoolArray, FloatArray
 from ..parameters.features import ScanParameters
 from ..scan import Scan
@@ -8,10 +10,14 @@ class Returns:
     scan: Scan
     noise: float
 
-    def __init__(self, scan: Scan, limits: ScanParameters) -> None: ...
+    def __init__(
+        self, scan: Scan, limits: ScanParameters, twist: Sequence[float] | FloatArray | None = None
+    ) -> None: ...
     @property
     def points(self) -> FloatArray: ...
     @property
     def valid(self) -> BoolArray: ...
     @property
     def noise_ratio(self) -> float: ...
+
+def deskew(scan: Scan, twist: Sequence[float] | FloatArray) -> Scan: ...

@@ -57,7 +57,7 @@ def _remove_dynamic(features, pose, window, parameters):
     """Remove the dynamic points; also return which of the remaining wall points are movable."""
     p, walls = parameters.odometry, features.wall_points
     points = features.oriented_points
-    movable = detached_points(walls, p.movable_size, p.dynamic_margin, features.scan.geometry.closed)
+    movable = detached_points(walls, p.movable_size, p.dynamic_margin, features.measured.geometry.closed)
     if not p.dynamic_key_frames:
         return features, movable
     static = np.ones(len(points), dtype=bool)

@@ -22,7 +22,6 @@ from .calibration.comparisons import LidarComparisons
 from .calibration.location import Location, locate
 from .gate import Gate
 from .models.beam_timing import MovingScan
-from .models.deskew import deskew
 from .models.repeated_scans import RepeatedScans
 from .models.stamps import Jump, ScanInterval, middle_offset
 from .prediction import Predictions, predict
@@ -228,9 +227,7 @@ class Odometry:
             Whether features of this scan were extracted before: it is then left out of the range noise estimate.
         """
         p, own = self._with_limits(sensor.limits), self._state.sensors[sensor.name]
-        if twist is not None:
-            scan = deskew(scan, twist)
-        returns = Returns(scan, p.scan)
+        returns = Returns(scan, p.scan, twist)
         noise = own.noise if again else own.noise.after(returns.noise_ratio)
         features = extract_from_returns(returns, p, noise.value, p.odometry.pole_size)
         own.noise = noise
@@ -282,7 +279,7 @@ class Odometry:
         own = state.sensors[sensor.name]
         ratio = own.stamps.ratio(own.stamps.duration)
         twist = (sensor.pose_at(state.pose).inverse() @ outcome.match.pose).as_array() / predictions.interval.length
-        first = self._extract(state.key_frames.latest.features.scan, ratio * twist, sensor, again=True)
+        first = self._extract(state.key_frames.latest.features.measured, ratio * twist, sensor, again=True)
         features = self._extract(scan, ratio * twist, sensor, again=True)
         interval = dataclasses.replace(predictions.interval, middle_offset=middle_offset(scan, features, ratio))
         update.start_in_motion(state, first, sensor.first_twist(twist), interval)

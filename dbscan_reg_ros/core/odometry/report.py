@@ -39,7 +39,7 @@ def report(state: TrackState, features: Features, step: ReportedStep) -> Odometr
     pose, increment = state.output.publish(step.pose)
     covariance = turned(coordinate_covariance(state.covariance.pose) + state.covariance.unobserved, pose.theta)
     return OdometryUpdate(
-        stamp=features.scan.stamp, pose=pose, covariance=covariance + _LEAST,
+        stamp=features.measured.stamp, pose=pose, covariance=covariance + _LEAST,
         twist=state.motion.twist.copy(), twist_covariance=_of_twist(state),
         interval=step.interval.length, increment=increment, status=step.status, registration=step.registration,
         features=features, reference=None if frame is None else frame.features,

@@ -97,7 +97,7 @@ class Diagnostics:
         update = self._latest().update
         status = DiagnosticStatus(
             level=level, name=f'{self._node.get_fully_qualified_name()}: laser odometry', message=message,
-            hardware_id=update.features.scan.frame_id if update else '')
+            hardware_id=update.features.measured.frame_id if update else '')
         pairs = [*self._rates(received / elapsed, processed / elapsed), *self._scan_counts(), *self._estimates(),
                  *((f'status {each.value}', str(sum(lidar.counters.statuses[each] for lidar in self._lidars)))
                    for each in Status)]

@@ -9,10 +9,10 @@ import pytest
 from rooms import DEGREE, FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import Parameters, Scan, ScanError, ScanGeometry
-from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.features.extraction import extract_features, extract_from_returns
 from dbscan_reg_ros.core.features.noise import estimate_noise
 from dbscan_reg_ros.core.features.poles import with_poles
-from dbscan_reg_ros.core.features.returns import Returns
+from dbscan_reg_ros.core.features.returns import Returns, deskew
 from dbscan_reg_ros.core.features.surfaces import estimate_normals, find_breaks
 from dbscan_reg_ros.core.geometry.se2 import as_complex, as_vectors
 from dbscan_reg_ros.core.parameters.features import ScanParameters, SegmentParameters
@@ -147,3 +147,14 @@ def test_features_can_be_copied_at_any_moment_and_not_be_changed():
             array[0] = 0
     with pytest.raises(AttributeError):
         features.noise = 0.0
+
+
+def test_features_are_those_of_the_deskewed_scan_and_keep_what_was_measured():
+    scan, twist = look(outline(L_ROOM), geometry=FULL), np.array([0.5, 0.1, 0.8])
+    scan = Scan(scan.stamp, np.where(np.arange(360) % 9 == 0, np.inf, scan.ranges), FULL, 0.1 / 360)
+    returns = Returns(scan, ScanParameters(), twist)
+    np.testing.assert_allclose(returns.points, deskew(scan, twist).points, atol=1e-5)
+    features = extract_from_returns(returns, PLAIN, 0.0)
+    assert features.measured is scan and features.scan.time_increment == 0.0
+    np.testing.assert_allclose(features.scan.points[features.beams], features.points, atol=1e-5)
+    assert extract_features(scan).scan is scan

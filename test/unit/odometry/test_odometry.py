@@ -12,9 +12,9 @@ from rooms import FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Parameters, Prior, Scan, ScanError, ScanGeometry, Status
 from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.features.returns import deskew
 from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
-from dbscan_reg_ros.core.odometry.models.deskew import deskew
 from dbscan_reg_ros.core.odometry.models.noise_history import NoiseRatioHistory
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.odometry.references import search_parameters

@@ -83,7 +83,7 @@ def locate(features: Features, window: KeyFrameWindow, predicted: SE2 | None, p:
         angle -= pose.theta
         direction = np.array([math.cos(angle), math.sin(angle), 0.0])
         covariance = covariance + _UNCONSTRAINED ** 2 * np.outer(direction, direction)
-    return Location(features.scan.stamp, pose, covariance, frame.number, predicted is not None)
+    return Location(features.measured.stamp, pose, covariance, frame.number, predicted is not None)
 
 
 _UNKNOWN_MOUNTING = diagonal(0.15, 0.15, math.radians(4.0)) ** 2
