@@ -41,7 +41,8 @@ def extensions():
     return [Extension('.'.join(module.parts), [f'{module}.pyx'],
                       depends=list(map(str, SOURCES)) if module == SOURCE_HASH else included,
                       define_macros=[('DBSCAN_REG_SOURCE_HASH', f'"{digest}"')] if module == SOURCE_HASH else [],
-                      extra_compile_args=['-ffp-contract=off', '-fcx-fortran-rules', '-fno-math-errno', '-g0'])
+                      extra_compile_args=['-O2', '-ftree-vectorize', '-ffp-contract=off', '-fcx-fortran-rules',
+                                          '-fno-math-errno', '-g0'])
             for module in MODULES]
 
 
