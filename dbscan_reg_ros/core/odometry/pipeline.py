@@ -205,12 +205,14 @@ class Odometry:
     def _joins(self, predictions: Predictions, sensor: Sensor, since_own: ScanInterval) -> bool:
         """Whether to add a sensor to the track: it has no key frame or was silent, and its pose is predicted well.
 
-        After a silence of more than `time.max_jump`, its own key frames may be out of its sight.
+        After a silence of more than `time.max_jump`, its own key frames may be out of its sight. If the rotation is
+        predicted poorly, it is searched for in them nevertheless.
         """
-        state = self._state
-        returns = since_own.jump is not None and predictions.interval.jump is None
+        state, prior, margin = self._state, predictions.best.prior, self._parameters.odometry.dynamic_margin
+        returns = (since_own.jump is not None and predictions.interval.jump is None
+                   and prior.rotation_sigma < margin)
         return ((returns or sensor.name not in state.key_frames.sensors) and state.tracking.mode is Mode.TRACKING
-                and predictions.best.prior.translation_sigma < self._parameters.odometry.dynamic_margin)
+                and prior.translation_sigma < margin)
 
     def _extract(self, scan: Scan, twist: NDArray[np.float64] | None, sensor: Sensor,
                  again: bool = False) -> Features:

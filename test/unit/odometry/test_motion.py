@@ -132,3 +132,13 @@ def test_the_distance_from_an_unknown_position_gives_no_velocity():
     assert not motion.position_unknown
     assert not motion.twist.any()
     np.testing.assert_array_equal(motion.predict(TICK, P).covariance, unknown_motion_covariance(TICK, P))
+
+
+@pytest.mark.parametrize('before, speed', [(0.3, 2.0), (0.1, 0.8)])
+def test_where_the_last_scan_of_a_sensor_is_old_that_of_another_counts_unless_it_is_new(before, speed):
+    """The last scan of the same sensor is 0.6 s old, that of the other 0.3 or 0.1 s: then the velocity is kept."""
+    motion = ConstantVelocityModel(SE2(), 'own')
+    for sensor, length, distance in (('other', 0.6 - before, 0.6 - 2.0 * before), ('own', before, 0.6)):
+        motion.elapse(length)
+        motion.update(SE2(distance), ScanInterval(length, length, 0.0, of_others=True), MotionConstraints(), P, sensor)
+    np.testing.assert_allclose(motion.twist, (speed, 0.0, 0.0), atol=1e-12)

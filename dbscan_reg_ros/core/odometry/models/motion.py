@@ -18,7 +18,7 @@ from .covariance import (
     twist_variance,
     unknown_motion_covariance,
 )
-from .scan_order import ScanMiddle
+from .scan_order import ScanMiddle, scan_before
 from .stamps import ScanInterval
 
 
@@ -43,7 +43,8 @@ class ConstantVelocityModel:
     """Constant-velocity model, updated with the poses of scans.
 
     The velocity is computed from successive scans of the same sensor. Between scans of different sensors too little
-    time passes, and an error of the mounting would count as motion. All poses and velocities are of the first sensor.
+    time passes, and an error of the mounting would count as motion; only where the last scan of the same sensor is old,
+    the velocity is computed from a younger one of another sensor. All poses and velocities are of the first sensor.
 
     Parameters
     ----------
@@ -209,7 +210,7 @@ class ConstantVelocityModel:
         direction = constraints.direction
         if constraints.rotation_unobservable:
             direction = self._degenerate_direction = None
-        middle, before = pose @ integrate(self.twist, interval.middle_offset), self._middles.get(sensor)
+        middle, before = pose @ integrate(self.twist, interval.middle_offset), scan_before(self._middles, sensor)
         if self.position_unknown:
             self.reset_velocity()
             self._increment = None

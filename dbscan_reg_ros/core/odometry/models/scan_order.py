@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scans of several sensors: the intervals between them, and the last one of each."""
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ...geometry.se2 import SE2
@@ -30,11 +31,23 @@ class ScanMiddle:
     constrained_count: int
 
 
+def scan_before(scans: Mapping[str, ScanMiddle], sensor: str) -> ScanMiddle | None:
+    """Return which of the last `scans` to compute the velocity of a scan of a `sensor` from; None if it is to be kept.
+
+    Over a long time the mean velocity is not the present one; over a short time an error of the mounting dominates.
+    """
+    own, latest = scans.get(sensor), min(scans.values(), key=lambda scan: scan.time, default=None)
+    if own is latest or (own is not None and own.time <= _MAX_OWN_TIME):
+        return own
+    return latest if latest is not None and latest.time >= _MIN_TIME else None
+
+
 class ScanOrder:
     """Stamps of the scans of all sensors, in the order in which they are used."""
 
     def __init__(self) -> None:
         self._last: tuple[str, int] | None = None
+        self._several = False
 
     def lateness(self, sensor: str, stamp: int, parameters: TimeParameters) -> float:
         """Return by how much [s] a scan is older than the last scan of another sensor; 0 if tolerable or a jump."""
@@ -64,12 +77,16 @@ class ScanOrder:
         Returns
         -------
         ScanInterval
-            `own` if the last scan was of the same sensor; otherwise the difference of the stamps. It is negative if the
-            new scan is older than the last one: then the state is predicted back to the stamp of the new scan.
+            `own` if the last scan was of the same sensor, by the stamps once scans of several sensors were used: of one
+            sensor alone they are too irregular then to tell jitter from dropped scans. Otherwise the difference of the
+            stamps. It is negative if the new scan is older than the last one: then the state is predicted back to the
+            stamp of the new scan.
         """
         last, self._last = self._last, (sensor, stamp)
         if last is None or last[0] == sensor:
-            return own
+            by_stamps = self._several and own.jump is None and own.elapsed > 0.0
+            return dataclasses.replace(own, length=own.elapsed, steady=True, sigma=0.0) if by_stamps else own
+        self._several = True
         elapsed = seconds(stamp - last[1])
         if abs(elapsed) > parameters.max_jump:
             jump = Jump.FORWARD if elapsed > 0.0 else Jump.BACKWARD
@@ -84,3 +101,7 @@ class ScanOrder:
 
 _MAX_LATE = 0.25
 """A scan may be older than the last one by this time [s]: slow lidars send a scan so long after its first beam."""
+_MAX_OWN_TIME = 0.5
+"""Time [s] since the last scan of a sensor up to which the velocity is computed from it."""
+_MIN_TIME = 0.2
+"""Time [s] from which on a velocity is computed between scans of different sensors."""

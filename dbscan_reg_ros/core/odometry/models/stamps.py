@@ -151,6 +151,7 @@ class StampFilter:
         before = self._between.copy() if jumps else self._between
         self._between.append(elapsed)
         if jumps:
+            self._middle = None
             usual = median(before) if before else parameters.max_jump
             jump = Jump.FORWARD if elapsed > 0.0 else Jump.BACKWARD
             reason = f'no scan for {elapsed:.3f} s' if jump is Jump.FORWARD else f'stamps went back by {-elapsed:.3f} s'
@@ -179,12 +180,14 @@ class StampFilter:
         Scans that were dropped leave exact stamps at uneven intervals, stamps that jitter leave even intervals at
         inexact stamps. By the right intervals the velocity changes less.
         """
-        motion = np.zeros(DOF) if self._middle is None else (self._middle.inverse() @ middle).as_array()
-        if self._middle is not None and abs(motion).max() < _LEAST_MOTION:
-            return
-        velocities = motion / np.maximum(self._since_judged, _MIN_INTERVAL)[:, None]
-        self._changes = _KEPT * self._changes + ((velocities - self._velocities) ** 2).sum(axis=1)
-        self._middle, self._velocities, self._since_judged = middle, velocities, np.zeros(2)
+        if self._middle is not None:
+            motion = (self._middle.inverse() @ middle).as_array()
+            if abs(motion).max() < _LEAST_MOTION:
+                return
+            velocities = motion / np.maximum(self._since_judged, _MIN_INTERVAL)[:, None]
+            self._changes = _KEPT * self._changes + ((velocities - self._velocities) ** 2).sum(axis=1)
+            self._velocities = velocities
+        self._middle, self._since_judged = middle, np.zeros(2)
 
     @property
     def _doubt(self) -> float:
