@@ -37,11 +37,13 @@ import json
 import math
 import zipfile
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from ..core.errors import RecordingError
+from ..core.features.returns import deskew
+from ..core.geometry.array_types import FloatArray
 from ..core.geometry.se2 import SE2
 from ..core.registration.records import Hypothesis, Prior, Registration, Status
 from ..core.scan import Scan
@@ -62,13 +64,17 @@ class SnapshotUpdate:
 
     Attributes
     ----------
-    scan : Scan
+    measured : Scan
+        The scan as it was measured.
+    motion : (3,) float or None
+        Velocity [m/s, m/s, rad/s] with which it was deskewed.
     reference : Scan or None
     prior : Prior or None
         External prior of the motion since the previous update.
     """
 
-    scan: Scan
+    measured: Scan
+    motion: FloatArray | None
     reference: Scan | None
     stamp: int
     interval: float
@@ -84,9 +90,15 @@ class SnapshotUpdate:
     @classmethod
     def of(cls, update, prior=None) -> 'SnapshotUpdate':
         """Make a `SnapshotUpdate` from an `OdometryUpdate` and the external `Prior` of that update."""
-        return cls(update.features.scan, update.reference.scan if update.reference else None, update.stamp,
+        features = update.features
+        return cls(features.measured, features.twist, update.reference.scan if update.reference else None, update.stamp,
                    update.interval, update.scan_pose, update.covariance, update.twist, update.reference_pose,
                    update.status, update.registration, prior, update.restarted)
+
+    @cached_property
+    def scan(self) -> Scan:
+        """The scan, deskewed."""
+        return self.measured if self.motion is None else deskew(self.measured, self.motion)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,9 +233,10 @@ def _update(fields, k, scans, arrays):
             partial(np.asarray, arrays[f'matches_{k}']), found['reason'], found['weakest_information'],
             found.get('rotation_unobservable', False), found.get('confidence', 0.0))
     reference = None if fields['reference'] is None else scans[fields['reference']]
-    return SnapshotUpdate(scans[fields['scan']], reference, fields['stamp'], fields['interval'], _pose(fields['pose']),
-                          arrays[f'covariance_{k}'], arrays[f'twist_{k}'], _pose(fields['reference_pose']),
-                          Status(fields['status']), registration, prior, fields['restarted'])
+    return SnapshotUpdate(scans[fields['scan']], None, reference, fields['stamp'], fields['interval'],
+                          _pose(fields['pose']), arrays[f'covariance_{k}'], arrays[f'twist_{k}'],
+                          _pose(fields['reference_pose']), Status(fields['status']), registration, prior,
+                          fields['restarted'])
 
 
 def _pose(numbers):
