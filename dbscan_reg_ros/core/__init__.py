@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Registration and odometry, with numpy, scipy and scikit-learn only: no ROS, files, clock or module-level state."""
+"""Registration and odometry with numpy, in `paper` also scipy and scikit-learn; no ROS, files, clock or state."""

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from accelerated_inputs import SIZES, oriented_points, scan_points
+from compiled_inputs import SIZES, oriented_points, scan_points
 
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.noise import estimate_noise

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from accelerated_inputs import oriented_points, segments
+from compiled_inputs import oriented_points, segments
 from rooms import FULL, L_ROOM, look, outline
 from sklearn.cluster import DBSCAN
 

@@ -47,7 +47,7 @@ cdef class OrientedPoints:
         return OrientedPoints, (self.points, self.normals, self.beams, self.weights, self.inverse_noise)
 
     def select(self, chosen):
-        """Return the points that `chosen` selects; it holds indices, a mask or a slice."""
+        """Return the points that `chosen` selects: indices, a mask ``(P,)`` or a slice."""
         weights, inverse_noise = [part if part is None else part[chosen] for part in (self.weights, self.inverse_noise)]
         return OrientedPoints(self.points[chosen], self.normals[chosen], self.beams[chosen], weights, inverse_noise)
 

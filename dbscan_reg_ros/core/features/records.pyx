@@ -185,7 +185,7 @@ cdef class Features:
         return self.with_points_of(normals, poles, weights, self.noise_ratio)
 
     def downweighted(self, points, weights):
-        """Multiply weights of the `oriented_points` selected by `points`, indices or a mask, by `weights`."""
+        """Multiply weights of the `oriented_points` that `points` (indices or a mask ``(Q,)``) selects by `weights`."""
         each = np.array(self.oriented().weights_view)
         each[points] *= weights
         return self.with_points_of(self.normals, self.poles, read_only(each), self.noise_ratio)

@@ -36,7 +36,7 @@ cdef class Returns:
         cdef const float[::1] ranges = scan.ranges
         cdef Py_ssize_t size = ranges.shape[0], k
         self.scan, self.limits, self.twist = scan, limits, twist
-        self.places = deskewed_points(scan, twist)
+        self.places = deskewed_points(scan, twist)  # Eq. 2
         cdef double complex[::1] place = self.places
         cdef double[::1] found = np.empty(size)
         cdef Py_ssize_t[::1] beam = np.empty(size, np.intp)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
-"""Ring band filter: tests each beam against the ring of beams around it (section 2.1, Eq. 3-4)."""
+"""Ring band filter: tests each beam against those around it (section 2.1, Eq. 4, by lines instead of Eq. 3)."""
 from enum import IntEnum
 
 import numpy as np

@@ -63,7 +63,7 @@ cdef bint is_break(double complex first, double complex second, Py_ssize_t gap, 
 
 
 cdef int sum_moments(const double complex[::1] points, double[:, ::1] total) except -1 nogil:
-    """Write the sums ``(5, P + 1)`` of x, y, xx, xy, yy before each point, as `line_fit.summed_moments`."""
+    """Write the sums ``(5, P + 1)`` of x, y, xx, xy, yy before each point [m, m^2]."""
     cdef Py_ssize_t k
     cdef double x, y
     total[:, 0] = 0.0

@@ -23,7 +23,7 @@ ctypedef fused Number:
 
 
 def build_likelihood_field(oriented, parameters):
-    """Build the `LikelihoodField` of oriented points."""
+    """Build the `LikelihoodField` of P `OrientedPoints` [m] by `DensityParameters`; the index P is that of no point."""
     cdef const double complex[::1] points = np.ascontiguousarray(oriented.points)
     cdef const double complex[::1] known = np.ascontiguousarray(oriented.normals)
     cdef Py_ssize_t size = points.shape[0], k
@@ -70,7 +70,7 @@ _QUARTERS = np.array((-_QUARTER, -_QUARTER.conjugate(), _QUARTER.conjugate(), _Q
 
 @lru_cache(maxsize=2)
 def disc_ranks(radius):
-    """Return ``(4, side, width)``: the rank of each cell of a disc, from far to near, for each quarter.
+    """Return ``(4, side, width)`` int: the rank of each cell of a disc, by its `radius` in cells, for each quarter.
 
     The ranks are the places in `_disc`, and -1 outside the disc. The rows are padded to whole vectors.
     """
@@ -84,7 +84,7 @@ def disc_ranks(radius):
 
 
 def _disc(radius):
-    """Return row and column offsets ``(K, 4)`` of the cells of a disc with a `radius` in cells, from far to near.
+    """Return row and column offsets ``(K, 4)`` int of the K cells of a disc with a `radius` in cells, from far to near.
 
     Each column is sorted by the distance from a point in one quarter of the middle cell (`_QUARTERS`).
     """

@@ -67,7 +67,7 @@ cdef inline bint is_larger(double value, double other) noexcept nogil:
 
 
 cdef inline int sort_up_to_rounding(const double[::1] keys, Py_ssize_t[::1] order, Py_ssize_t[::1] scratch) except -1 nogil:
-    """Write the ascending order of the keys, of equal ones by index, as `tolerance.order_up_to_rounding`."""
+    """Write the ascending order of the keys, of equal ones by index, as `ties.order_up_to_rounding`."""
     cdef Py_ssize_t size = keys.shape[0], k, at, moved
     sort_stably(keys, order, scratch)
     if size:
@@ -85,7 +85,7 @@ cdef inline int sort_up_to_rounding(const double[::1] keys, Py_ssize_t[::1] orde
 
 
 cdef inline Py_ssize_t first_largest(const double[::1] values) except -1 nogil:
-    """Return the index of the first value that only rounding makes less than the largest, as in `tolerance`."""
+    """Return the index of the first value that only rounding makes less than the largest, as `ties.first_largest`."""
     cdef Py_ssize_t k
     cdef double largest = -INFINITY
     for k in range(values.shape[0]):

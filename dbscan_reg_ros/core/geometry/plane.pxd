@@ -42,7 +42,7 @@ cdef inline double complex rotated(double complex a, double complex b) noexcept 
 
 
 cdef inline double wrapped(double angle, double period) noexcept nogil:
-    """Subtract whole periods from an angle [rad], as `rotation.wrap_period`."""
+    """Subtract whole periods from an angle [rad], as `se2.wrap_period`."""
     return angle - period * rint(angle * (1.0 / period))
 
 
@@ -58,7 +58,7 @@ cdef struct Line:
 
 
 cdef inline Line fit_line(double x, double y, double xx, double xy, double yy, double count) noexcept nogil:
-    """Fit a total least squares line to points with these summed moments (Eq. 7), as `line_fit.fit_lines`."""
+    """Fit a total least squares line to points with these summed moments (Eq. 7)."""
     cdef Line line
     cdef double half, apart, root
     line.x, line.y = x / count, y / count
@@ -78,7 +78,7 @@ cdef inline Line fit_line(double x, double y, double xx, double xy, double yy, d
 
 
 cdef inline Line fit_range(const double[:, ::1] moments, Py_ssize_t first, Py_ssize_t end) noexcept nogil:
-    """Fit a line to the points from `first` to before `end`, from the `summed_moments` of a scan; indices are valid."""
+    """Fit a line to the points from `first` to before `end`, by `surfaces.sum_moments` of all; indices are valid."""
     return fit_line(moments[0, end] - moments[0, first], moments[1, end] - moments[1, first],
                     moments[2, end] - moments[2, first], moments[3, end] - moments[3, first],
                     moments[4, end] - moments[4, first], <double> (end - first))

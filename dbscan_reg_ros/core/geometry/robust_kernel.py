@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The robust kernel that weights the residuals of every alignment."""
+"""The Gaussian kernel (Eq. 18) for arrays; compiled steps have it inline."""
 import numpy as np
 
 from .array_types import FloatArray

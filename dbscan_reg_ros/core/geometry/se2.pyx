@@ -32,7 +32,7 @@ def turn_matrix(theta):
 
 
 def turned(const double[:, :] matrix, double theta):
-    """Rotate the axes of a ``(3, 3)`` covariance or information over (x, y, theta) by `theta` [rad]."""
+    """Return R M R': a covariance or information ``(3, 3)`` over (x, y, theta) with axes rotated by `theta` [rad]."""
     cdef double c = cos(theta), s = sin(theta)
     cdef double[:, ::1] rows = np.empty((DOF, DOF)), result = np.empty((DOF, DOF))
     cdef Py_ssize_t k
@@ -48,17 +48,17 @@ def turned(const double[:, :] matrix, double theta):
 
 
 def unit_complex(angles):
-    """Return the unit complex numbers ``exp(1j * angles)``: multiplication by one rotates by its angle [rad]."""
+    """Return ``exp(1j * angles)``, shaped as the angles [rad]: multiplication by one rotates by its angle."""
     return np.exp(1j * angles)
 
 
 def as_complex(vectors):
-    """Return vectors ``(P, 2)`` as complex numbers ``(P,)``."""
+    """Return vectors ``(P, 2)`` of any unit as complex numbers ``(P,)``."""
     return np.ascontiguousarray(vectors, dtype=float).view(complex)[:, 0]
 
 
 def as_vectors(numbers):
-    """Return complex numbers ``(P,)`` as vectors ``(P, 2)``."""
+    """Return complex numbers ``(P,)`` of any unit as vectors ``(P, 2)``."""
     return np.ascontiguousarray(numbers).view(float).reshape(-1, 2)
 
 

@@ -61,7 +61,7 @@ cdef class Correspondences:
 
     @property
     def rows(self):
-        """``(4, M)`` float: `point_to_line.linear_residuals` of the pairs at `pose`, for rotations about the sensor."""
+        """``(4, M)`` float: `residuals.linear_residuals` [m] of the pairs at `pose`, for rotations about the sensor."""
         cdef double[:, ::1] values = np.empty((4, self.count))
         cdef Py_ssize_t k
         for k in range(self.count):
@@ -79,7 +79,7 @@ cdef class Correspondences:
         return np.asarray(values)
 
     def match(self, other, double scale):
-        """Return errors [m] and weights ``(M,)`` at another pose, weighted by a kernel of the `scale` [m]."""
+        """Return errors [m] and weights ``(M,)`` at another pose, by a kernel of the `scale` [m]."""
         cdef double[:, ::1] values = np.empty((2, self.count))
         pose = self.pose
         cdef double[3] step = [other.x - pose.x, other.y - pose.y, wrap(other.theta - pose.theta)]
@@ -92,7 +92,7 @@ cdef class Correspondences:
         return np.asarray(values[0]), np.asarray(values[1])
 
     cdef void weigh(self, const double *step, double scale) noexcept nogil:
-        """Weight the pairs after a step (x, y, theta) by a kernel of the `scale` [m] and their given weights.
+        """Weight the pairs after a step (x, y, theta) by a kernel (Eq. 18) of the `scale` [m] and their given weights.
 
         The weights of all pairs of one point sum to at most 1.
         """
@@ -135,7 +135,7 @@ def weighted_by_agreement(Correspondences found, Correspondences own, const unsi
     is_own : (K,) bool
         Which key frames are those of the own lidar.
     scale : float [m]
-        Of the kernel in the mean errors.
+        Of the kernel (Eq. 18) in the mean errors.
     noise : float [m]
         Standard deviation of an error.
     """
@@ -185,7 +185,7 @@ def align(Correspondences found, start, prior, scales, double damping):
     scales : sequence of float [m]
         Scales of the kernel.
     damping : float
-        As for `symmetric_matrix.solve`.
+        As for `solve_step`.
     """
     pose = found.pose
     cdef const double[:, ::1] known = prior.information

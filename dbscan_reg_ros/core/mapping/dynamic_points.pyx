@@ -247,7 +247,13 @@ def beside(OrientedPoints points, const unsigned char[::1] dynamic, double margi
 
 
 def information_ratio(OrientedPoints points, const Py_ssize_t[::1] chosen):
-    """Return the fraction of the information about the translation that the `chosen` points (indices) provide.
+    """Return the fraction of the information about the translation that the chosen points provide.
+
+    Parameters
+    ----------
+    points : OrientedPoints
+    chosen : (C,) int array
+        Indices of points.
 
     Returns
     -------

@@ -102,7 +102,7 @@ cdef class ScanLookup:
         return found
 
     cdef int turn(self, pose) except -1:
-        """Rotate points and normals to a `pose` of the scan in the odometry frame."""
+        """Rotate points and normals to a `pose` of the scan in the odometry frame (Eq. 8)."""
         cdef double c = cos(pose.theta), s = sin(pose.theta)
         cdef double complex point, normal
         cdef Py_ssize_t k

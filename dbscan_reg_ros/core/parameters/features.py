@@ -84,7 +84,7 @@ class RingBandParameters(ParameterGroup):
 
 @dataclass(frozen=True)
 class SegmentParameters(ParameterGroup):
-    """Line segments (Eq. 5-7) and normals."""
+    """Line segments (Eq. 5, 7) and normals."""
 
     BASIC = 'min_points', 'min_length'
 

@@ -195,5 +195,6 @@ class TimeParameters(ParameterGroup):
     max_jump: float = parameter(
         2.0, unit='s', bounds=(0.0, 1000000.0),
         help='If the stamps of two successive scans go back by more than this, the node resets the odometry to the '
-             'origin. A replay restarts at the last pose. After a longer gap than this the motion is unknown. Larger '
-             'values tolerate longer gaps; smaller values react to shorter ones.')
+             'origin. A replay restarts at the last pose. After a longer gap than this the last velocity is predicted '
+             'to decay, and a match has to be unambiguous. Larger values tolerate longer gaps; smaller values react to '
+             'shorter ones.')

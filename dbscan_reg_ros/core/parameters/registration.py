@@ -89,7 +89,7 @@ class TranslationParameters(ParameterGroup):
 
 @dataclass(frozen=True)
 class DensityParameters(ParameterGroup):
-    """Likelihood field of the reference, and how scans are compared with it (Eq. 16-21)."""
+    """Likelihood field of the reference, and how scans are compared with it (Eq. 16-18)."""
 
     BASIC = 'max_points',
 
@@ -208,8 +208,9 @@ class RefinementParameters(ParameterGroup):
              'smaller values resist outliers more.')
     fine_iterations: int = parameter(
         2, bounds=(0, 100),
-        help='Number of fine iterations if several hypotheses are compared; a single top candidate is only polished. '
-             'Larger values compare more exactly and take longer; 0 compares the coarse results.')
+        help='Number of fine iterations if several hypotheses are compared; a single top candidate is only polished; '
+             'without polishing, as in the odometry, its pose is refined by these iterations. Larger values compare '
+             'more exactly and take longer; 0 compares the coarse results.')
     fine_scale: float = parameter(
         0.1, unit='m', bounds=(0.001, 10.0),
         help='Kernel scale of the last coarse and of the first fine iteration. Larger values tolerate larger remaining '

@@ -32,7 +32,7 @@ def landmark_motions(reference: Features, current: Features, parameters: Paramet
     """Return the motions ``(H, 3)`` that align the current scan's landmarks best with the reference's, best first.
 
     A pair of landmarks in each scan, with equal distances, gives a sample motion. Its support is the sum of the kernels
-    (Eq. 16) of the distances of all landmarks from the nearest landmark of the reference. Samples outside the gate
+    (Eq. 18) of the distances of all landmarks from the nearest landmark of the reference. Samples outside the gate
     around a `prior` are left out.
     """
     ours, theirs = (landmarks(each, parameters) for each in (reference, current))

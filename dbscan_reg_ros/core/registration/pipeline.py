@@ -44,8 +44,10 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
     ScanError
         When a scan has too few returns, or an argument is neither a `Scan` nor `Features`.
     """
+    # Sections 2.1 and 2.2: filter and lines of both scans.
     reference, current = (as_features(each, parameters) for each in (reference, current))
     problem = Problem(reference, with_common_noise(reference, current), parameters, prior)
+    # Sections 2.2.1 to 2.3, in up to three stages.
     if first_stage is SearchStage.WIDE:
         return search_wide(problem)
     if first_stage is SearchStage.NEAR and prior is not None:
@@ -83,6 +85,7 @@ def with_common_noise(reference: Features, current: Features) -> Features:
 
 def search_near(problem: Problem, prior: Prior, min_score: float = -np.inf) -> Registration:
     """Select among the prior and the clusters within the gate around it; `min_score` as for `select_by_density`."""
+    # Sections 2.2.1 and 2.2.2: rotations and translations; then section 2.3: selection by the density.
     motions = near_motions(problem, prior)
     return select_by_density(problem, Candidates(prior.transform.as_array()[None], motions), min_score)
 
@@ -104,6 +107,7 @@ def search_wide(problem: Problem) -> Registration:
 
 def heaviest_candidates(problem: Problem) -> Candidates:
     """Return the heaviest translation clusters; shortest translations and the prior are exempt from pre-selection."""
+    # Sections 2.2.1 and 2.2.2: rotations and translations.
     motions, shortest = heaviest_motions(problem)
     if problem.prior is None:
         return Candidates(shortest, motions)

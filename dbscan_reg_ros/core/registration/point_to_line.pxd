@@ -72,7 +72,7 @@ cdef inline void add_row(Equations *sums, double weight, double a, double b, dou
 
 
 cdef inline void solve_step(Equations *s, double damping, double *step) noexcept nogil:
-    """Solve the normal equations for a damped step, as `symmetric_matrix.solve`: L D L' by hand."""
+    """Solve the normal equations for a damped step (x, y, theta) [m, m, rad], by L D L'."""
     cdef double added = damping * (s.xx + s.yy + 1e-6)
     cdef double a = s.xx + added, p = s.xy / a, q = s.xt / a
     cdef double b = s.yy + added - p * s.xy, rest = s.yt - p * s.xt, r = rest / b

@@ -20,11 +20,11 @@ cdef Equations NO_POINTS = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 def fit(candidates, OrientedPoints points, field, double min_normal_cosine):
-    """Find the `Fit` of a scan's points to the reference.
+    """Find the `Fit` of a scan's P points to the reference: arrays ``(H, P)``.
 
     Parameters
     ----------
-    candidates : (H, 3) array
+    candidates : (H, 3) array [m, m, rad]
     points : OrientedPoints
         Of the current scan.
     field : LikelihoodField
@@ -114,14 +114,14 @@ def refine(candidates, alignment, scales):
 
     Parameters
     ----------
-    candidates : (H, 3) array
+    candidates : (H, 3) array [m, m, rad]
     alignment : Alignment
     scales : sequence of float [m]
         Scale of the robust kernel in each iteration.
 
     Returns
     -------
-    candidates : (H, 3) array
+    candidates : (H, 3) array [m, m, rad]
     equations : (H, 4, 4) array
         The normal equations of the last iteration.
     """
@@ -173,14 +173,14 @@ cdef int add_points(OrientedPoints points, Lines field, Pose *pose, double min_c
 
 
 def polish(candidate, found, OrientedPoints points, refinement):
-    """Refine one candidate ``(3,)`` with a kernel that narrows to the spread of the errors.
+    """Refine one candidate ``(3,)`` [m, m, rad] with a kernel (Eq. 18) that narrows to the spread of the errors.
 
     The correspondences of `found`, the candidate's `Fit`, are kept, so the errors are linear in the step. A candidate
     that moves farther than the first kernel, as it may along a corridor, is returned unchanged.
 
     Returns
     -------
-    candidate : (3,) array
+    candidate : (3,) array [m, m, rad]
     found : Fit
         Of it, H = 1.
     """

@@ -110,7 +110,7 @@ cdef Hypotheses rank_coarsely(Search search, candidates):
 
 cdef int keep_supported(Search search, Hypotheses found, OrientedPoints points, double scale,
                         double min_ratio) except -1 nogil:
-    """Keep the hypotheses with at least `min_ratio` of the best one's support by a kernel of `scale` (Eq. 16)."""
+    """Keep the hypotheses with at least `min_ratio` of the best one's support by a kernel of `scale` [m] (Eq. 18)."""
     cdef double[::1] support = found.number[0]
     cdef double factor = -0.5 / (scale * scale), e, most = 0.0
     cdef Py_ssize_t h, k, count = 0
@@ -148,7 +148,7 @@ cdef int improve(Search search, Hypotheses found, OrientedPoints points, const d
 
 
 cdef int subtract_prior(Search search, Hypotheses found) except -1 nogil:
-    """Subtract the squared Mahalanobis distance from the prior, at most its gate, times `prior.weight`.
+    """Subtract the squared Mahalanobis distance from the prior over that of the gate, at most 1, times `prior.weight`.
 
     The nearest to the prior become the first, so that they are the first of equal scores.
     """

@@ -114,7 +114,7 @@ class Alignment(NamedTuple):
     min_normal_cosine : float
         Minimum cosine of the angle between corresponding normals.
     damping : float
-        Damping of a step, as in `symmetric_matrix.solve`; it keeps candidates from moving in an unobservable direction.
+        Damping of a step, as in `solve_step`; it keeps candidates from moving in an unobservable direction.
     """
 
     points: OrientedPoints

@@ -20,7 +20,7 @@ cdef double TINY = tolerance.TINY
 def find_rivals(candidates, direction, parameters):
     """Return which hypotheses ``(H, 3)`` differ from the first by `decision.rival_distance` or `decision.rival_angle`.
 
-    Differences along a degenerate `direction` [rad] do not count.
+    The result is ``(H,)`` bool. Differences along a degenerate `direction` [rad] or None do not count.
     """
     cdef double[:, ::1] poses = np.array(candidates)
     cdef Py_ssize_t h
@@ -52,7 +52,7 @@ cdef class Comparison:
 
 
 def scores(problem, candidates):
-    """Return score, overlap and conflict ``(H,)`` of each of the hypotheses ``(H, 3)``, as `write_scores` has them."""
+    """Return score, overlap and conflict ``(H,)`` of hypotheses ``(H, 3)`` [m, m, rad], as `write_scores` has them."""
     cdef Hypotheses found = Hypotheses(candidates)
     cdef Py_ssize_t h
     write_scores(Comparison(problem), found)
@@ -65,7 +65,7 @@ def scores(problem, candidates):
 
 
 def reverse_conflicts(problem, candidates):
-    """Return the weighted fraction ``(H,)`` of the reference's points in free space of the current scan."""
+    """Return the fraction ``(H,)`` of `write_reverse_conflicts`, 0..1, of the hypotheses ``(H, 3)`` [m, m, rad]."""
     fraction = np.empty(len(candidates))
     write_reverse_conflicts(Comparison(problem), Hypotheses(candidates), fraction)
     return fraction
@@ -111,7 +111,7 @@ cdef int write_reverse_conflicts(Comparison comparison, Hypotheses found, double
     cdef Pose pose
     with nogil:
         for h in range(found.size):
-            pose, fraction[h] = pose_at(found.rows[h].x, found.rows[h].y, found.rows[h].theta), 0.0
+            pose, fraction[h] = pose_at(found.rows[h].x, found.rows[h].y, found.rows[h].theta), 0.0  # inverse of Eq. 8
             for k in range(points.size):
                 x, y = points.points_view[k].real - pose.x, points.points_view[k].imag - pose.y
                 fraction[h] += share[k] * violation(near, pose.c * x + pose.s * y, pose.c * y - pose.s * x,
@@ -120,13 +120,13 @@ cdef int write_reverse_conflicts(Comparison comparison, Hypotheses found, double
 
 
 def preselect(candidates, points, profile, parameters, density):
-    """Return the hypotheses that align a scan best with the outline of the reference, at most `selection.preselected`.
+    """Return the candidates ``(S, 3)`` that align a scan best with the reference's outline, S up to `preselected`.
 
     Only the free-space profile of the reference is looked up, not its likelihood field.
 
     Parameters
     ----------
-    candidates : (C, 3) array
+    candidates : (C, 3) array [m, m, rad]
     points : OrientedPoints
         Points of the current scan.
     profile : FreeSpaceProfile
@@ -147,7 +147,7 @@ def preselect(candidates, points, profile, parameters, density):
     cdef Pose pose
     with nogil:
         for h in range(size):
-            pose = pose_at(motion[h, 0], motion[h, 1], motion[h, 2])
+            pose = pose_at(motion[h, 0], motion[h, 1], motion[h, 2])  # Eq. 8
             for k in range(some.size):
                 x = pose.c * some.points_view[k].real - pose.s * some.points_view[k].imag + pose.x
                 y = pose.s * some.points_view[k].real + pose.c * some.points_view[k].imag + pose.y
@@ -160,13 +160,13 @@ def preselect(candidates, points, profile, parameters, density):
 
 
 def within_gate(candidates, prior, parameters):
-    """Whether each hypothesis ``(H, 3)`` lies within `prior.gate` standard deviations of a prior."""
+    """Return ``(H,)`` bool: which hypotheses ``(H, 3)`` [m, m, rad] lie within `prior.gate` sigmas of a `Prior`."""
     distance, angle = parameters.gate * prior.translation_sigma, parameters.gate * prior.rotation_sigma
     return same(candidates, prior.transform.as_array(), distance, angle)
 
 
 def distinct(candidates, Py_ssize_t count, double distance, double angle):
-    """Return the indices of the first `count` hypotheses ``(H, 3)`` that differ from all hypotheses chosen before.
+    """Return indices (list) of the first `count` of ``(H, 3)`` motions [m, m, rad] that differ from all chosen before.
 
     Two hypotheses differ if they are more than `distance` [m] or more than `angle` [rad] apart.
     """
@@ -198,7 +198,7 @@ cdef Py_ssize_t choose_distinct(Hypotheses found, Py_ssize_t most, double most_a
 
 
 def same(const double[:, :] candidates, const double[:] one, double distance, double angle):
-    """Whether each hypothesis ``(H, 3)`` lies within `distance` [m] and `angle` [rad] of `one` ``(3,)``."""
+    """Return ``(H,)`` bool: which of ``(H, 3)`` [m, m, rad] lie within `distance` [m] and `angle` [rad] of `one`."""
     flags = np.empty(candidates.shape[0], dtype=bool)
     cdef unsigned char[::1] near = flags
     cdef Py_ssize_t h
@@ -213,14 +213,14 @@ def search_degenerate_direction(candidates, angles, problem):
 
     Parameters
     ----------
-    candidates : (H, 3) array
+    candidates : (H, 3) array [m, m, rad]
     angles : (H,) array [rad]
         Degenerate direction of each candidate in the reference's frame.
     problem : Problem
 
     Returns
     -------
-    (H, 3) array
+    (H, 3) array [m, m, rad]
     """
     return search_along(Comparison(problem), candidates, angles)
 

@@ -124,7 +124,7 @@ def demoted_if_poor(registration: Registration, parameters: DecisionParameters) 
     """Return the registration, ``AMBIGUOUS`` instead of ``OK`` where the score is below `decision.min_score`.
 
     The confidence owes much to a prior, so that after one the scans have to fit each other as well. A result without
-    evidence, that of the method `divergence`, is returned unchanged.
+    evidence, that of the method of the paper, is returned unchanged.
     """
     poor = registration.score < parameters.min_score and registration.evidence is not None
     if registration.status is not Status.OK or not poor:

@@ -21,11 +21,11 @@ cdef double CORRIDOR_RATIO = residual_records.CORRIDOR_RATIO
 
 
 def uncertainty(candidate, found, OrientedPoints points, double noise, p):
-    """Return the covariance ``(3, 3)`` of a motion in the current sensor's frame, and its `Observability`.
+    """Return the covariance ``(3, 3)`` [m, m, rad] of a motion in the current sensor's frame, and its `Observability`.
 
     Parameters
     ----------
-    candidate : (3,) array
+    candidate : (3,) array [m, m, rad]
     found : Fit
         Of the candidate, for the `points`.
     points : OrientedPoints
@@ -50,13 +50,14 @@ def uncertainty(candidate, found, OrientedPoints points, double noise, p):
             nx, ny = points.normals_view[k].real * points.inverse_noise_view[k], points.normals_view[k].imag * points.inverse_noise_view[k]
             own[0, k], own[1, k] = c * nx - s * ny, s * nx + c * ny
             own[2, k] = x * own[1, k] - y * own[0, k]
+            # Gaussian kernel (Eq. 18), 0 where the normals disagree.
             weight[k] = exp(factor * error[0, k] * error[0, k]) * points.weights_view[k] if alike[0, k] else 0.0
     return covariance_of(error[0], weight, rows, own, noise, p.decision, theta, False, False)
 
 
 def match_covariance(residuals, parameters, double theta, bint latest_degenerate=False,
                      bint rotation_unobservable=False):
-    """Return the covariance ``(3, 3)`` of a match in the frame of the scan, and its `Observability`.
+    """Return the covariance ``(3, 3)`` [m, m, rad] of a match in the frame of the scan, and its `Observability`.
 
     Parameters
     ----------
@@ -85,6 +86,7 @@ def shared_information(const double[:, :] rows, const double[::1] weight, const 
     rows, own : (3, P) arrays
         Jacobian of the errors computed with the normals of the lines, and computed with those of the points themselves.
     weight : (P,) array
+        From 0 to 1.
     """
     cdef double[3] motion = [0.0, 0.0, 0.0]
     shared = np.zeros((3, 3))
@@ -93,7 +95,7 @@ def shared_information(const double[:, :] rows, const double[::1] weight, const 
 
 
 def degenerate_translation(double angle, const double[:, ::1] shared, parameters):
-    """Return ``(3,)``: a translation of 1 m along `angle` [rad], and the rotation [rad] coupled with it.
+    """Return ``(3,)`` [m, m, rad]: a translation of 1 m along `angle` [rad], and the rotation coupled with it.
 
     A direction may be degenerate only together with a rotation, as along the wall of a circular room. The rotation
     follows from the `shared` information ``(3, 3)``.
@@ -104,7 +106,7 @@ def degenerate_translation(double angle, const double[:, ::1] shared, parameters
 
 
 def degenerate_rotation(const double[:, ::1] information, const double[:, ::1] shared, parameters):
-    """Return ``(3,)``: a rotation of 1 rad, and the translation [m] coupled with it."""
+    """Return ``(3,)`` [m, m, rad]: a rotation of 1 rad, and the translation coupled with it, by two ``(3, 3)``."""
     cdef double[3] turn
     constrain_rotation(shared, information, parameters.min_information, turn)
     return np.array((turn[1], turn[2], 1.0))

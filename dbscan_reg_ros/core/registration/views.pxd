@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
-"""Views of scans and look-up tables, and the look-up of the nearest point (Eq. 16-18)."""
+"""Views of segments and likelihood fields, and the look-up of the nearest point (Eq. 16-18)."""
 
 
 cdef struct Grid:

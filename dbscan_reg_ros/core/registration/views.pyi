@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Views of scans and look-up tables, which are kept with them."""
+"""Views of segments and likelihood fields, which are kept with them."""

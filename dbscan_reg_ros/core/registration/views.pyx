@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
-"""Views of scans and look-up tables, which are kept with them."""
+"""Views of segments and likelihood fields, which are kept with them."""
 import numpy as np
 
 from libc.math cimport cos, sin

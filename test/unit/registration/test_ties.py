@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from accelerated_inputs import assert_same
+from compiled_inputs import assert_same
 
 from dbscan_reg_ros import Parameters
 from dbscan_reg_ros.core.features.records import EndKind, Segments

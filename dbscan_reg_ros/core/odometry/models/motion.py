@@ -130,7 +130,10 @@ class ConstantVelocityModel:
             middle.time += interval
 
     def predict(self, interval: ScanInterval, parameters: Parameters) -> Prior:
-        """Predict the same increment as the last one; its covariance grows with the interval and with the increment."""
+        """Predict the same increment as the last one; its covariance grows with the interval and with the increment.
+
+        After a jump of the stamps the prediction is `motion_without_scans`.
+        """
         p, increment = parameters.prior, self._increment
         if increment is None or parameters.odometry.prior == 'none':
             return Prior(SE2(), unknown_motion_covariance(interval, parameters))

@@ -12,6 +12,8 @@ def propagate_errors(const double[:, ::1] joint, step, double interval, prior, m
     Parameters
     ----------
     joint : (9, 9) array
+        Blocks of three: errors of the pose and of the pose since the key frame [m, m, rad], each in the frame of the
+        scan, and of the twist [m/s, m/s, rad/s].
     step : SE2
         Motion since the last scan, in the last scan's frame.
     interval : float [s]
@@ -23,6 +25,7 @@ def propagate_errors(const double[:, ::1] joint, step, double interval, prior, m
     Returns
     -------
     (9, 9) array
+        As `joint`, in the frame of this scan.
     """
     cdef const double[:, ::1] gain = measurement.gain, measured = measurement.covariance
     cdef const double[:, ::1] covariance = np.ascontiguousarray(prior.covariance, dtype=float), change = covariance

@@ -14,9 +14,14 @@ def dbscan_plane(const double complex[::1] samples, double eps, Py_ssize_t min_s
 
     Parameters
     ----------
-    samples : (N,) complex array
-    eps, min_samples
-        As for `dbscan_circle`, as the labels that are returned.
+    samples : (N,) complex array [m]
+    eps : float [m]
+    min_samples : int
+
+    Returns
+    -------
+    (N,) int array
+        Labels as of `dbscan_circle`.
     """
     cdef Py_ssize_t[::1] rotation = np.zeros(samples.shape[0], np.intp)
     return np.asarray(cluster_translations(samples, rotation, eps, min_samples, 0.0))

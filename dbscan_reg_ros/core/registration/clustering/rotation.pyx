@@ -35,13 +35,13 @@ cdef double[::1] weights_of(SegmentViews reference, SegmentViews current, parame
 
 
 def estimate_rotations(reference, current, weights, parameters):
-    """Cluster all angle differences (Eq. 9) with DBSCAN; the heaviest clusters are the hypotheses.
+    """Return the `Rotations` that `cluster_rotations` finds, as arrays.
 
     Parameters
     ----------
     reference, current : Segments
         n and m of them.
-    weights : (n, m) array
+    weights : (n, m) array [m]
         From `pair_weights`.
     parameters : RotationParameters
     """
@@ -58,7 +58,7 @@ cdef class RotationClusters:
 
 cdef RotationClusters cluster_rotations(SegmentViews reference, SegmentViews current, const double[::1] weights,
                                         parameters):
-    """Return what `estimate_rotations` does."""
+    """Cluster all angle differences (Eq. 9) [rad] with DBSCAN; the heaviest clusters are the hypotheses."""
     cdef Py_ssize_t n = reference.size, m = current.size, size = n * m, i, j
     cdef double period = 2.0 * M_PI
     cdef RotationClusters found = RotationClusters.__new__(RotationClusters)
@@ -69,6 +69,7 @@ cdef RotationClusters cluster_rotations(SegmentViews reference, SegmentViews cur
     cdef Py_ssize_t[::1] order = index[0, :size], labels = index[1, :size]
     for i in range(n):
         for j in range(m):
+            # Eq. 9
             samples[i * m + j] = wrapped(reference.direction[i] - current.direction[j], period)
     sort_stably(samples, order, labels)
     found.difference, found.eps = samples, parameters.eps
@@ -117,7 +118,7 @@ cdef int rank_rotations(RotationClusters found, const double[::1] sample_weight,
 
 
 def k_distances(samples, Py_ssize_t k):
-    """Return the k-dist graph of numbers ``(N,)``: the distance of each to its k-th nearest neighbour, largest first.
+    """Return the k-dist graph ``(N,)`` of numbers ``(N,)``: the distance of each to its k-th neighbour, largest first.
 
     A `k` above N - 1 counts as N - 1.
     """
@@ -153,7 +154,7 @@ def dbscan_circle(samples, double eps, Py_ssize_t min_samples, double period):
     Parameters
     ----------
     samples : (N,) array
-        Numbers within one period.
+        Numbers within one period, in its unit, as `eps`.
     eps : float
         Neighbours lie at most this far apart.
     min_samples : int

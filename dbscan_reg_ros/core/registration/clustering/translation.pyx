@@ -20,15 +20,15 @@ from .rotation cimport RotationClusters, cluster_rotations, weights_of
 
 
 def estimate_translations(reference, current, rotations, weights, parameters):
-    """Cluster the translations that follow from pairs of matched lines and from matched end points, for every rotation.
+    """Return the `Translations` that `cluster_lines` finds, as arrays.
 
     Parameters
     ----------
     reference, current : Segments
         n and m of them.
     rotations : Rotations
-    weights : (n, m) array
-        Weight of each pair of segments.
+    weights : (n, m) array [m]
+        From `pair_weights`.
     parameters : TranslationParameters
     """
     cdef TranslationClusters found = cluster_lines(views_of_segments(reference), views_of_segments(current),
@@ -42,7 +42,7 @@ def estimate_translations(reference, current, rotations, weights, parameters):
 
 
 def heaviest_motions(problem):
-    """Return the heaviest translation clusters ``(C, 3)``, and the `shortest_translations` ``(K, 3)``."""
+    """Return the heaviest clusters ``(C, 3)`` and the `shortest_translations` ``(K, 3)`` [m, m, rad] of a `Problem`."""
     p = problem.parameters
     cdef SegmentViews ours = views_of_segments(problem.reference.segments)
     cdef SegmentViews theirs = views_of_segments(problem.current.segments)
@@ -56,7 +56,7 @@ def heaviest_motions(problem):
 
 
 def near_motions(problem, prior):
-    """Return the translation clusters of a `Problem` within the gate around a `Prior`, heaviest first, ``(C, 3)``."""
+    """Return the clusters ``(C, 3)`` [m, m, rad] of a `Problem` within the gate around a `Prior`, heaviest first."""
     p = problem.parameters
     cdef SegmentViews ours = views_of_segments(problem.reference.segments)
     cdef SegmentViews theirs = views_of_segments(problem.current.segments)
@@ -82,7 +82,7 @@ def near_motions(problem, prior):
 
 
 cdef class MatchedLines:
-    """The L heaviest pairs of lines that each rotation makes parallel (Eq. 12), and their equations (Eq. 13).
+    """The L heaviest pairs of lines that each rotation makes parallel (Eq. 12), and their equations (Eq. 14).
 
     The equation of a pair is ``n . t = n . (m_R - Rot(phi) m_O)``.
     """
@@ -130,7 +130,7 @@ cdef MatchedLines match_lines(SegmentViews reference, SegmentViews current, cons
 
 cdef int write_lines(MatchedLines lines, SegmentViews reference, SegmentViews current,
                      const double[::1] phi) except -1 nogil:
-    """Write the direction and the distance of the line of translations of each pair."""
+    """Write the direction and the distance (Eq. 14) of the line of translations of each pair, after Eq. 10."""
     cdef Py_ssize_t k, i, j
     cdef double complex turn
     cdef double angle
@@ -155,7 +155,7 @@ cdef class TranslationClusters:
 
 cdef TranslationClusters cluster_lines(SegmentViews reference, SegmentViews current, const double[::1] difference,
                                        const double[::1] phi, const double[::1] weights, parameters):
-    """Return what `estimate_translations` does."""
+    """Cluster the translations [m] that follow from matched lines and matched end points, for every rotation [rad]."""
     cdef TranslationClusters found = TranslationClusters.__new__(TranslationClusters)
     cdef MatchedLines lines = match_lines(reference, current, difference, phi, weights, parameters.parallel_sigma,
                                           parameters.max_pairs)
@@ -216,7 +216,7 @@ cdef int rank_translations(TranslationClusters found, const double[::1] phi) exc
 
 cdef Py_ssize_t add_line_samples(MatchedLines lines, double min_crossing_sine, double complex[::1] translation,
                                  double[::1] sample_weight, Py_ssize_t[::1] group) except -1 nogil:
-    """Solve all pairs of non-parallel line equations of each rotation (Eq. 14-15); return the number of samples."""
+    """Solve the line equations of each rotation in pairs (Eq. 15) that cross (Eq. 13); return the number of samples."""
     cdef Py_ssize_t first, second, count = 0
     cdef double determinant
     for first in range(lines.size):
@@ -246,7 +246,7 @@ cdef Py_ssize_t add_end_samples(SegmentViews reference, SegmentViews current, co
                                 MatchedLines lines, double end_weight, Py_ssize_t count,
                                 double complex[::1] translation, double[::1] sample_weight,
                                 Py_ssize_t[::1] group) except -1 nogil:
-    """Append translations that match start points with start points and end points with end points; count them all."""
+    """Append translations that match rotated (Eq. 10) start points, and end points; return the number of samples."""
     cdef Py_ssize_t side, k, i, j
     cdef double c, s, x, y, share
     for side in range(2):
@@ -269,13 +269,13 @@ cdef Py_ssize_t add_end_samples(SegmentViews reference, SegmentViews current, co
 
 
 def shortest_translations(MatchedLines lines, const double[::1] phi):
-    """Find the shortest translation that aligns all lines, for each of the first rotations `phi` ``(K,)``.
+    """Find the shortest translation that aligns all lines, for each of the first rotations `phi` ``(K,)`` [rad].
 
     Robust and damped least squares: between parallel walls, where no two lines cross, the component along them is 0.
 
     Returns
     -------
-    (K, 3) array
+    (K, 3) array [m, m, rad]
     """
     cdef double scale, damping = SHORTEST_DAMPING, e, nx, ny
     cdef Py_ssize_t h, k

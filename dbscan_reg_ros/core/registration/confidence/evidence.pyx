@@ -83,13 +83,17 @@ def collect_evidence(const double[:, :] candidates, fits, weak, reference, curre
 
     Parameters
     ----------
-    candidates : (H, 3) array
+    candidates : (H, 3) array [m, m, rad]
     fits : Fit
         Of them, for the current scan's `sampled_points`.
     weak : (H,) sequence of float
         Number of points that constrain the weakest direction of each.
     reference, current : Features
     parameters : Parameters
+
+    Returns
+    -------
+    list of H Evidence
     """
     cdef const double[:, ::1] error = fits.error
     cdef const unsigned char[:, ::1] alike = fits.alike
@@ -127,6 +131,7 @@ def collect_evidence(const double[:, :] candidates, fits, weak, reference, curre
                 on_outline += seen_at(near_o, far_o, c * x + s * y, c * y - s * x, tolerance, &conflict) == 2
                 of_reference += conflict
             for k in range(ends_o.shape[0]):
+                # Eq. 8
                 x = c * ends_o[k].real - s * ends_o[k].imag + candidates[h, 0]
                 y = s * ends_o[k].real + c * ends_o[k].imag + candidates[h, 1]
                 moved[k] = x + 1j * y
@@ -170,7 +175,7 @@ def evidence_terms(evidence):
 def log_odds(evidence, prior=None, candidate=None):
     """Return the logarithm of the odds that the true motion is among the hypotheses, by the evidence of the best.
 
-    With a `prior` its gain for the `candidate` ``(3,)`` is added.
+    With a `Prior` its gain for the `candidate` ``(3,)`` [m, m, rad] is added to that of the `Evidence`.
     """
     cdef double odds = 0.0, term
     cdef Py_ssize_t k
