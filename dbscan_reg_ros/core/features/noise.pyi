@@ -3,8 +3,6 @@
 from ..geometry.array_types import ComplexArray, FloatArray, IntArray
 from ..parameters.features import ScanParameters
 
-TYPICAL_NOISE: float
-
 def estimate_noise(ranges: FloatArray, limits: ScanParameters) -> float: ...
 def estimate_noise_ratio(
     points: ComplexArray, ranges: FloatArray, beams: IntArray, limits: ScanParameters

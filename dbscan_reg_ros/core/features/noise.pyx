@@ -15,7 +15,6 @@ cdef double QUANTILE = 0.3, NORMAL = 0.38532
 cdef double MAX_SPREAD = 4.0
 # Points whose range noise [m] exceeds this get a smaller weight.
 cdef double TYPICAL = 0.05
-TYPICAL_NOISE = TYPICAL
 
 
 cpdef double estimate_noise(const double[::1] ranges, limits) except -1.0:

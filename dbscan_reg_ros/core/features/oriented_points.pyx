@@ -65,14 +65,6 @@ cdef class OrientedPoints:
         """Multiply a `weight` ``(..., P)`` by the weights of the points."""
         return weight if self.weights is None else weight * self.weights
 
-    def sharpened(self, values):
-        """Multiply real or complex `values` ``(..., P)`` by the inverse noise scale of the points."""
-        return values if self.inverse_noise is None else values * self.inverse_noise
-
-    def tolerance(self, distance):
-        """Divide a `distance` [m] by the inverse noise scale of each point ``(P,)``; one number if all scales are 1."""
-        return distance if self.inverse_noise is None else distance / self.inverse_noise
-
     def thinned(self, Py_ssize_t count):
         """Return at most `count` of the points, evenly spaced along the scan."""
         step = spacing(self.size, count)

@@ -4,6 +4,13 @@
 from .oriented_points cimport OrientedPoints
 
 
+cdef enum:
+    # `EndKind` of the end of a segment.
+    KIND_CORNER = 0
+    KIND_FREE = 1
+    KIND_OCCLUSION = 2
+
+
 cdef class Segments:
     cdef readonly object start, end, direction, length, sigma_direction, sigma_offset, kinds, beams
     cdef object _fixed_ends

@@ -16,15 +16,11 @@ from ..geometry.plane cimport vector
 from .noise cimport TYPICAL
 from .oriented_points cimport OrientedPoints, oriented_with_poles
 
-cdef enum:
-    KIND_FREE = 1
-    KIND_OCCLUSION = 2
-
 
 class EndKind(IntEnum):
     """Kind of the end of a segment."""
 
-    CORNER = 0
+    CORNER = KIND_CORNER
     """Two segments meet at this end: it is a fixed point of the environment."""
     FREE = KIND_FREE
     """The wall ends, and the next beams see farther: this end is a fixed point of the environment."""

@@ -2,7 +2,7 @@
 """Returns of a scan that the parameters admit, with their noise."""
 from collections.abc import Sequence
 
-from ..geometry.array_types import BoolArray, FloatArray
+from ..geometry.array_types import FloatArray
 from ..parameters.features import ScanParameters
 from ..scan import Scan
 
@@ -15,8 +15,6 @@ class Returns:
     ) -> None: ...
     @property
     def points(self) -> FloatArray: ...
-    @property
-    def valid(self) -> BoolArray: ...
     @property
     def noise_ratio(self) -> float: ...
 

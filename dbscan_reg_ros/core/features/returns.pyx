@@ -60,11 +60,6 @@ cdef class Returns:
         return self.places.view(float).reshape(-1, 2)
 
     @property
-    def valid(self):
-        """``(N,)`` bool: beams with an admitted return."""
-        return np.isfinite(self.places.real)
-
-    @property
     def noise_ratio(self):
         """Standard deviation of a range as a fraction of the range; 0 if far ranges are no noisier than near ones."""
         cdef const double complex[::1] place = self.places

@@ -10,15 +10,9 @@ from libc.math cimport atan2, fabs, sqrt
 from libc.stdlib cimport free, malloc
 
 from ..geometry.plane cimport Line, cross, distance, dot, fit_line, modulus
-from .records cimport Segments
+from .records cimport KIND_CORNER, KIND_FREE, KIND_OCCLUSION, Segments
 
 cdef double TINY = tolerance.TINY, SAME = tolerance.SAME, SIGMAS = tolerance.SIGMAS
-
-cdef enum:
-    KIND_CORNER = 0
-    KIND_FREE = 1
-    KIND_OCCLUSION = 2
-
 
 # Minimum number of steps from the first to the last point of a piece; passes in which neighbours are joined.
 cdef Py_ssize_t MIN_STEPS = 2, JOINS = 2

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Geometry of the plane: rigid motions, mounting of the sensor, symmetric matrices, line fits, robust kernel."""
+"""Geometry of the plane: rigid motions, mounting of the sensor, symmetric matrices, robust kernel."""

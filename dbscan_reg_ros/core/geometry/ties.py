@@ -6,18 +6,16 @@ from .array_types import FloatArray, IntArray
 from .tolerance import ROUNDING
 
 
-def order_up_to_rounding(keys: FloatArray, group: IntArray | None = None) -> IntArray:
-    """Return the ascending order of the `keys` ``(N,)``, of each `group` ``(N,)`` in turn.
+def order_up_to_rounding(keys: FloatArray) -> IntArray:
+    """Return the ascending order of the `keys` ``(N,)``.
 
     Keys that differ by rounding errors only count as equal, and are in the order of their indices: the last bit of a
     sum depends on the processor and the libraries.
     """
-    order: IntArray = keys.argsort(kind='stable') if group is None else np.lexsort((keys, group))
+    order: IntArray = keys.argsort(kind='stable')
     ordered = keys[order]
     size = np.abs(ordered)
     apart = ordered[1:] - ordered[:-1] > ROUNDING * np.maximum(size[1:], size[:-1])
-    if group is not None:
-        apart |= group[order[1:]] != group[order[:-1]]
     return order if apart.all() else order[np.lexsort((order, np.concatenate(([0], apart.cumsum()))))]
 
 

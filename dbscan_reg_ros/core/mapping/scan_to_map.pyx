@@ -4,6 +4,7 @@
 import numpy as np
 
 from ..geometry import tolerance
+from ..geometry.se2 import turned
 from ..registration.uncertainty import degenerate_rotation, degenerate_translation, shared_information
 from .correspondences import align, weighted_by_agreement
 from .records import PosePrior
@@ -14,7 +15,7 @@ from ..features.oriented_points cimport OrientedPoints
 from ..geometry.plane cimport length_of, wrap
 from ..geometry.symmetric cimport Weakest, read_weakest
 from ..registration.point_to_line cimport Equations, write_equations
-from ..registration.uncertainty cimport covariance_of, is_corridor_like, turned, write_parallel
+from ..registration.uncertainty cimport covariance_of, is_corridor_like, write_parallel
 from .correspondences cimport Correspondences, Pair
 from .lookup cimport ScanLookup
 

@@ -5,6 +5,7 @@ cimport cython
 from libc.math cimport cos, sin
 
 from ..features.oriented_points cimport OrientedPoints
+from ..geometry.symmetric cimport Factors, factors
 
 from .views cimport FieldArrays, Lines, nearest
 
@@ -74,11 +75,10 @@ cdef inline void add_row(Equations *sums, double weight, double a, double b, dou
 cdef inline void solve_step(Equations *s, double damping, double *step) noexcept nogil:
     """Solve the normal equations for a damped step (x, y, theta) [m, m, rad], by L D L'."""
     cdef double added = damping * (s.xx + s.yy + 1e-6)
-    cdef double a = s.xx + added, p = s.xy / a, q = s.xt / a
-    cdef double b = s.yy + added - p * s.xy, rest = s.yt - p * s.xt, r = rest / b
-    cdef double y = s.y - p * s.x, t = (s.t - q * s.x - r * y) / (s.tt + added - q * s.xt - r * rest)
-    y = y / b - r * t
-    step[0], step[1], step[2] = s.x / a - p * y - q * t, y, t
+    cdef Factors f = factors(s.xx + added, s.xy, s.xt, s.yy + added, s.yt, s.tt + added)
+    cdef double y = s.y - f.p * s.x, t = (s.t - f.q * s.x - f.r * y) / f.c
+    y = y / f.b - f.r * t
+    step[0], step[1], step[2] = s.x / f.a - f.p * y - f.q * t, y, t
 
 
 cdef inline void write_equations(Equations *s, double *table) noexcept nogil:

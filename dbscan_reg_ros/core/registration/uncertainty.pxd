@@ -5,4 +5,3 @@ cdef covariance_of(const double[::1] error, const double[::1] weight, const doub
                    bint rotation_unobservable)
 cdef int write_parallel(double angle, const double[:, ::1] information, double few, double *motion) except -1
 cdef bint is_corridor_like(const double[:, ::1] information, double angle) except -1
-cdef turned(covariance, double theta)

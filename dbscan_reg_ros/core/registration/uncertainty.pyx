@@ -4,6 +4,7 @@
 import numpy as np
 
 from ..geometry import tolerance
+from ..geometry.se2 import turned
 from . import residuals as residual_records
 from .residuals import Observability
 
@@ -233,24 +234,6 @@ cdef bint is_corridor_like(const double[:, ::1] information, double angle) excep
     """Whether few points face along the direction `angle` [rad], by their information."""
     return (translational(information, angle)
             < CORRIDOR_RATIO * (information[0, 0] + information[1, 1]))
-
-
-cdef turned(covariance, double theta):
-    """Rotate the axes of a ``(3, 3)`` matrix over (x, y, theta) by `theta` [rad]."""
-    cdef const double[:, :] a = covariance
-    cdef double c = cos(theta), s = sin(theta)
-    cdef double[3][3] turn = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
-    cdef double[3][3] half
-    cdef Py_ssize_t i, j
-    result = np.empty((3, 3))
-    cdef double[:, ::1] rotated = result
-    for i in range(3):
-        for j in range(3):
-            half[i][j] = turn[i][0] * a[0, j] + turn[i][1] * a[1, j] + turn[i][2] * a[2, j]
-    for i in range(3):
-        for j in range(3):
-            rotated[i, j] = half[i][0] * turn[j][0] + half[i][1] * turn[j][1] + half[i][2] * turn[j][2]
-    return result
 
 
 cdef int add_shared(const double[:, :] rows, const double[:, :] own, const double[::1] weight,

@@ -140,8 +140,6 @@ def test_selected_points_keep_their_inverse_noise():
     cloud = OrientedPoints(np.arange(4) + 0j, np.ones(4, dtype=complex), np.arange(4), None,
                            np.array((1.0, 0.5, 0.25, 0.2)))
     assert cloud.select([2, 0]).inverse_noise.tolist() == [0.25, 1.0]
-    assert cloud.tolerance(0.1).tolist() == pytest.approx([0.1, 0.2, 0.4, 0.5])
-    assert OrientedPoints(cloud.points, cloud.normals, cloud.beams).tolerance(0.1) == 0.1
     assert build_likelihood_field(cloud, DensityParameters()).offsets[:4] == pytest.approx([0.0, 1.0, 2.0,
                                                                                             3.0]), 'where they lie'
 
