@@ -172,11 +172,11 @@ def test_a_wrong_competitor_is_one_line(hall_recording, capsys, words, says):
 
 def test_an_error_in_a_method_of_ones_own_names_it_and_what_it_is_called_with(hall_recording, tmp_path, monkeypatch,
                                                                               capsys):
-    (tmp_path / 'of_points.py').write_text('def match(reference, current, guess):\n    x, y, theta = guess\n')
+    (tmp_path / 'of_points.py').write_text('def match(reference, current, guess):\n    raise TypeError(1)\n')
     monkeypatch.chdir(tmp_path)
     assert main(['identity', 'of_points:match', str(hall_recording), '--processes', '1']) == 2
     assert capsys.readouterr().err.endswith(
-        'of_points:match ...\ncompare: method of_points:match: TypeError: cannot unpack non-iterable SE2 object; it '
+        'of_points:match ...\ncompare: method of_points:match: TypeError: 1; it '
         'was called with two scans (Scan), reference and current, and a guess (SE2) (-v shows where)\n')
 
 
