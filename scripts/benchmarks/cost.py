@@ -84,7 +84,7 @@ def _drives(folder, scratch):
 
 def _times(tree, file):
     """Return mean, 99th percentile and mean of the degenerate scans of a drive [ms], in a process of its own."""
-    done = subprocess.run([sys.executable, '-c', _RECORD, os.fspath(file), str(SCANS)], env=environment(tree),
+    done = subprocess.run([sys.executable, '-c', _RECORD, os.fspath(file), str(SCANS)], cwd=tree, env=environment(tree),
                           capture_output=True, text=True, check=False)
     if done.returncode:
         raise BenchmarkError(f'{file}: {done.stderr.strip().splitlines()[-1]}')

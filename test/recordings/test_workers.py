@@ -53,7 +53,9 @@ def test_each_process_keeps_to_one_thread():
 
 
 def test_no_cluster_at_the_address_is_one_line(recordings, capsys):
-    dask = pytest.importorskip('dask', reason='needs Dask (distributed)')
+    # First, for its defaults would be removed with what is set here.
+    pytest.importorskip('distributed', reason='needs Dask (distributed)')
+    dask = pytest.importorskip('dask')
     with dask.config.set({'distributed.comm.timeouts.connect': '1s'}):
         assert replay([str(recordings[0]), '--scheduler', 'tcp://127.0.0.1:1']) == 2
     assert 'no Dask scheduler answers' in capsys.readouterr().err
