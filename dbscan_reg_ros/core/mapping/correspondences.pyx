@@ -44,39 +44,27 @@ cdef class Correspondences:
     @property
     def frame(self):
         """``(M,)`` int: index of the key frame of each pair."""
-        cdef Py_ssize_t[::1] values = np.empty(self.count, np.intp)
-        cdef Py_ssize_t k
-        for k in range(self.count):
-            values[k] = self.pairs[k].frame
-        return np.asarray(values)
+        return self.table()['frame']
 
     @property
     def index(self):
         """``(M,)`` int: index of the point of each pair."""
-        cdef Py_ssize_t[::1] values = np.empty(self.count, np.intp)
-        cdef Py_ssize_t k
-        for k in range(self.count):
-            values[k] = self.pairs[k].point
-        return np.asarray(values)
+        return self.table()['point']
 
     @property
     def rows(self):
         """``(4, M)`` float: `residuals.linear_residuals` [m] of the pairs at `pose`, for rotations about the sensor."""
-        cdef double[:, ::1] values = np.empty((4, self.count))
-        cdef Py_ssize_t k
-        for k in range(self.count):
-            values[0, k], values[1, k] = self.pairs[k].a, self.pairs[k].b
-            values[2, k], values[3, k] = self.pairs[k].r, self.pairs[k].e
-        return np.asarray(values)
+        table = self.table()
+        return np.array((table['a'], table['b'], table['r'], table['e']))
 
     @property
     def weights(self):
         """``(M,)`` float: given weight of each pair, from 0 to 1."""
-        cdef double[::1] values = np.empty(self.count)
-        cdef Py_ssize_t k
-        for k in range(self.count):
-            values[k] = self.pairs[k].given
-        return np.asarray(values)
+        return self.table()['given']
+
+    def table(self):
+        """Return a copy of the pairs ``(M,)``, with the fields of `Pair`."""
+        return np.array(<Pair[:max(self.count, 1)]> self.pairs)[:self.count]
 
     def match(self, other, double scale):
         """Return errors [m] and weights ``(M,)`` at another pose, by a kernel of the `scale` [m]."""

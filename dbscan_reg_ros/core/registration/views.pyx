@@ -59,17 +59,18 @@ cdef class SegmentViews:
 
 cdef Lines lines_of(field):
     """Return the views of a `LikelihoodField`, which are kept with it."""
-    cdef dict kept = field.__dict__
-    views = kept.get('compiled_views')
-    if views is None:
-        views = kept['compiled_views'] = Lines(field)
-    return <Lines> views
+    return <Lines> kept_views(field, Lines)
 
 
 cdef SegmentViews views_of_segments(segments):
     """Return the views of `Segments`, which are kept with them."""
-    cdef dict kept = segments.__dict__
+    return <SegmentViews> kept_views(segments, SegmentViews)
+
+
+cdef object kept_views(owner, kind):
+    """Return the views of a `kind` that are kept with their owner; make them first where there are none."""
+    cdef dict kept = owner.__dict__
     views = kept.get('compiled_views')
     if views is None:
-        views = kept['compiled_views'] = SegmentViews(segments)
-    return <SegmentViews> views
+        views = kept['compiled_views'] = kind(owner)
+    return views

@@ -159,13 +159,12 @@ class BeamTimingSearch:
         except ScanError:  # too few returns are left under one of the hypotheses
             return ''
         self._scans.append(new)
-        if self._count >= _MOST:
-            self.found = self._hypotheses[0]
-            return ''
         best = int(self._log_likelihoods.argmax())
         lead = self._log_likelihoods[best] - np.delete(self._log_likelihoods, best).max(initial=-math.inf)
         if self._count < _FEWEST or lead < _CERTAIN or (best and not same):
-            return ''
+            if self._count < _MOST:
+                return ''
+            best = 0
         self.found = self._hypotheses[best]
         return '' if best == 0 else _described(self.found, moving.scan)
 

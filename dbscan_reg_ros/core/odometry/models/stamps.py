@@ -148,11 +148,10 @@ class StampFilter:
         if last is None:
             return ScanInterval(0.0, 0.0, middle_offset)
         elapsed = seconds(stamp - last)
-        before = self._between.copy() if jumps else self._between
+        usual = median(self._between) if jumps and self._between else parameters.max_jump
         self._between.append(elapsed)
         if jumps:
             self._middle = None
-            usual = median(before) if before else parameters.max_jump
             jump = Jump.FORWARD if elapsed > 0.0 else Jump.BACKWARD
             reason = f'no scan for {elapsed:.3f} s' if jump is Jump.FORWARD else f'stamps went back by {-elapsed:.3f} s'
             missing = elapsed > _GAP_RATIO * usual
