@@ -6,10 +6,10 @@ import numpy as np
 from ..geometry import tolerance
 from ..geometry.se2 import SE2
 
-from libc.math cimport exp
 from libc.stdlib cimport free, malloc
 from libc.string cimport memset
 
+from ..geometry.exponential cimport decaying_exp
 from ..geometry.plane cimport wrap
 from ..registration.point_to_line cimport Equations, add_row, solve_step
 
@@ -94,7 +94,7 @@ cdef class Correspondences:
         for k in range(self.count):
             pair = &self.pairs[k]
             e = step[0] * pair.a + step[1] * pair.b + step[2] * pair.r + pair.e
-            pair.weight = exp(factor * e * e)
+            pair.weight = decaying_exp(factor * e * e)
             self.total[pair.point] += pair.weight
         for k in range(self.count):
             pair = &self.pairs[k]
@@ -139,19 +139,19 @@ def weighted_by_agreement(Correspondences found, Correspondences own, const unsi
         for k in range(found.count):
             pair = &found.pairs[k]
             if not is_own[pair.frame]:
-                p, w = pair.point, exp(factor * pair.e * pair.e)
+                p, w = pair.point, decaying_exp(factor * pair.e * pair.e)
                 sums[0, p] += w
                 sums[1, p] += w * pair.e
         for k in range(own.count):
             pair = &own.pairs[k]
             e = dx * pair.a + dy * pair.b + turn * pair.r + pair.e
-            p, w = pair.point, exp(factor * e * e)
+            p, w = pair.point, decaying_exp(factor * e * e)
             sums[2, p] += w
             sums[3, p] += w * e
         for p in range(found.size):
             sums[0, p], sums[2, p] = max(sums[0, p], TINY), max(sums[2, p], TINY)
             apart = (sums[1, p] / sums[0, p] - sums[3, p] / sums[2, p]) / noise
-            agreement[p] = exp(-0.5 * apart * apart / (1.0 / sums[0, p] + 1.0 / sums[2, p]))
+            agreement[p] = decaying_exp(-0.5 * apart * apart / (1.0 / sums[0, p] + 1.0 / sums[2, p]))
         for k in range(found.count):
             pair = &found.pairs[k]
             if not is_own[pair.frame]:

@@ -5,10 +5,11 @@ import numpy as np
 
 from ..features.oriented_points import high_leverage
 
-from libc.math cimport cos, exp, fabs, sin
+from libc.math cimport cos, fabs, sin
 from libc.stdlib cimport free, malloc
 
 from ..features.oriented_points cimport OrientedPoints
+from ..geometry.exponential cimport decaying_exp
 from ..geometry.plane cimport length_of
 from ..registration.views cimport FieldArrays, Lines, lines_of, nearest
 from .correspondences cimport Correspondences, Pair
@@ -259,7 +260,7 @@ def confirm(window, pose, points, double distance, double scale, density):
             if length_of(slots.slots[k].x - lookup.x, slots.slots[k].y - lookup.y) <= distance:
                 continue
             for i in range(lookup.add(k, every, pairs)):
-                largest[pairs[i].point] = max(largest[pairs[i].point], exp(factor * pairs[i].e * pairs[i].e))
+                largest[pairs[i].point] = max(largest[pairs[i].point], decaying_exp(factor * pairs[i].e * pairs[i].e))
     finally:
         free(pairs)
     return confirmed

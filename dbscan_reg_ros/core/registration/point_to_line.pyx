@@ -7,11 +7,12 @@ from ..geometry import tolerance
 from .residuals import Fit
 
 cimport cython
-from libc.math cimport exp, sqrt
+from libc.math cimport sqrt
 from libc.stdlib cimport free, malloc
 from libc.string cimport memcpy
 
 from ..features.oriented_points cimport OrientedPoints
+from ..geometry.exponential cimport decaying_exp
 from ..geometry.plane cimport length_of
 from .views cimport Lines, lines_of
 
@@ -168,7 +169,8 @@ cdef int add_points(OrientedPoints points, Lines field, Pose *pose, double min_c
             # Error and Jacobian (nx, -ny, -Im(n p)), times the inverse noise scale; Gaussian kernel (Eq. 18).
             e, nx, ny = (found.error * points.inverse_noise_view[k], found.nx * points.inverse_noise_view[k],
                          found.ny * points.inverse_noise_view[k])
-            add_row(sums, exp(factor * e * e) * points.weights_view[k], nx, -ny, -(nx * found.y + ny * found.x), e)
+            add_row(sums, decaying_exp(factor * e * e) * points.weights_view[k], nx, -ny,
+                    -(nx * found.y + ny * found.x), e)
     return 0
 
 
@@ -202,7 +204,7 @@ def polish(candidate, found, OrientedPoints points, refinement):
         for k in range(error.shape[1]):
             if alike[0, k]:
                 e = error[0, k]
-                weight = exp(factor * e * e) * weights[k]
+                weight = decaying_exp(factor * e * e) * weights[k]
                 sum_weight += weight
                 add_row(&sums, weight, normal[0, k].real, -normal[0, k].imag,
                         -product_imag(normal[0, k], rotated[0, k]), e)

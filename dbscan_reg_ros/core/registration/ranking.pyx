@@ -9,10 +9,11 @@ from .hypotheses import Ranking
 from .point_to_line import fit
 from .scoring import preselect
 
-from libc.math cimport cos, exp, sin, sqrt
+from libc.math cimport cos, sin, sqrt
 from libc.string cimport memcpy
 
 from ..features.oriented_points cimport OrientedPoints
+from ..geometry.exponential cimport decaying_exp
 from ..geometry.ordering cimport sort_up_to_rounding
 from ..geometry.plane cimport length_of, wrap
 from ..geometry.symmetric cimport Weakest, squared_distance, weakest_direction
@@ -122,7 +123,7 @@ cdef int keep_supported(Search search, Hypotheses found, OrientedPoints points, 
             match_point(points, search.field, k, &pose, search.min_cosine, &match)
             if match.alike:
                 e = match.error * points.inverse_noise_view[k]
-                support[h] += exp(factor * e * e)
+                support[h] += decaying_exp(factor * e * e)
         most = max(most, support[h])
     for h in range(found.size):
         if support[h] >= min_ratio * most:

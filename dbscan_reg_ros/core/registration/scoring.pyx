@@ -6,9 +6,10 @@ import numpy as np
 from ..features.oriented_points import sample
 from ..geometry import tolerance
 
-from libc.math cimport cos, exp, fabs, sin
+from libc.math cimport cos, fabs, sin
 
 from ..features.oriented_points cimport OrientedPoints
+from ..geometry.exponential cimport decaying_exp
 from ..geometry.ordering cimport first_largest, sort_up_to_rounding
 from ..geometry.plane cimport bin_of, length_of
 from .point_to_line cimport Hypotheses, Hypothesis, Match, Pose, match_point, pose_at
@@ -90,7 +91,7 @@ cdef int write_scores(Comparison comparison, Hypotheses found) except -1 nogil:
             match_point(comparison.own, comparison.field, k, &pose, comparison.min_cosine, &match)
             # Gaussian kernel (Eq. 18), 0 where the normals disagree.
             e = match.error * comparison.own.inverse_noise_view[k]
-            weight = exp(factor * e * e) if match.alike else 0.0
+            weight = decaying_exp(factor * e * e) if match.alike else 0.0
             lost = violation(comparison.near, match.x + pose.x, match.y + pose.y,
                              comparison.tolerance / comparison.own.inverse_noise_view[k])
             value += (weight - comparison.against * lost * (1.0 - weight)) * comparison.share[k]
@@ -270,8 +271,7 @@ cdef int shift_along(Comparison comparison, OrientedPoints points, const unsigne
     component of the normal, minus the penalty for points in free space. The shortest come first, and of equal values
     that of the shortest shift is chosen.
     """
-    cdef double factor = -0.5 / (scale * scale), c = cos(angle), s = sin(angle), shift
-    cdef double e, weight, component, lost
+    cdef double factor = -0.5 / (scale * scale), c = cos(angle), s = sin(angle), shift, e, weight, component, lost
     cdef Py_ssize_t n, k
     cdef Match found
     cdef Pose pose
@@ -284,7 +284,7 @@ cdef int shift_along(Comparison comparison, OrientedPoints points, const unsigne
                 continue
             match_point(points, comparison.field, k, &pose, comparison.min_cosine, &found)
             e = found.error * points.inverse_noise_view[k]
-            weight = exp(factor * e * e) if found.alike else 0.0
+            weight = decaying_exp(factor * e * e) if found.alike else 0.0
             component = (found.nx * c - found.ny * s) * points.inverse_noise_view[k]
             lost = violation(comparison.near, found.x + pose.x, found.y + pose.y,
                              comparison.tolerance / points.inverse_noise_view[k])

@@ -8,9 +8,10 @@ from ..geometry.se2 import turned
 from . import residuals as residual_records
 from .residuals import Observability
 
-from libc.math cimport cos, exp, fabs, sin, sqrt
+from libc.math cimport cos, fabs, sin, sqrt
 
 from ..features.oriented_points cimport OrientedPoints
+from ..geometry.exponential cimport decaying_exp
 from ..geometry.plane cimport length_of
 from ..geometry.symmetric cimport Weakest, read_weakest, write_inverse
 from .point_to_line cimport product_imag
@@ -52,7 +53,8 @@ def uncertainty(candidate, found, OrientedPoints points, double noise, p):
             own[0, k], own[1, k] = c * nx - s * ny, s * nx + c * ny
             own[2, k] = x * own[1, k] - y * own[0, k]
             # Gaussian kernel (Eq. 18), 0 where the normals disagree.
-            weight[k] = exp(factor * error[0, k] * error[0, k]) * points.weights_view[k] if alike[0, k] else 0.0
+            weight[k] = (decaying_exp(factor * error[0, k] * error[0, k]) * points.weights_view[k] if alike[0, k]
+                         else 0.0)
     return covariance_of(error[0], weight, rows, own, noise, p.decision, theta, False, False)
 
 

@@ -8,8 +8,9 @@ import numpy as np
 from ...features.records import EndKind
 from ..hypotheses import Translations
 
-from libc.math cimport M_PI, cos, exp, fabs, sin
+from libc.math cimport M_PI, cos, fabs, sin
 
+from ...geometry.exponential cimport decaying_exp
 from ...geometry.ordering cimport sort_up_to_rounding
 from ...geometry.plane cimport cross, rotated, wrap, wrapped
 from ..point_to_line cimport Equations, add_row, solve_step
@@ -115,7 +116,7 @@ cdef MatchedLines match_lines(SegmentViews reference, SegmentViews current, cons
                 angle = wrapped(difference[i] - phi[k], 2.0 * M_PI)
                 if fabs(angle) < 2.0 * sigma:
                     # Negative: the heaviest come first.
-                    heavy[count] = -exp(-0.5 * (angle / sigma) * (angle / sigma)) * weights[i]
+                    heavy[count] = -decaying_exp(-0.5 * (angle / sigma) * (angle / sigma)) * weights[i]
                     off[count], pair[count] = angle, i
                     count += 1
             sort_up_to_rounding(heavy[:count], order, scratch)

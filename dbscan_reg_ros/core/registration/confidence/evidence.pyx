@@ -13,6 +13,7 @@ from . import model as confidence_model
 from libc.math cimport INFINITY, M_PI, cos, exp, fabs, log, log1p, sin, sqrt
 
 from ...features.oriented_points cimport OrientedPoints
+from ...geometry.exponential cimport decaying_exp
 from ...geometry.plane cimport bin_of, cross, dot, length_of, modulus, rotated, wrap
 from ...geometry.symmetric cimport Factors, factors, squared_distance
 from ..views cimport SegmentViews, views_of_segments
@@ -120,7 +121,7 @@ def collect_evidence(const double[:, :] candidates, fits, weak, reference, curre
             c, s = cos(candidates[h, 2]), sin(candidates[h, 2])
             for k in range(size):
                 # Gaussian kernel (Eq. 18), 0 where the normals disagree.
-                weight = exp(factor * error[h, k] * error[h, k]) if alike[h, k] else 0.0
+                weight = decaying_exp(factor * error[h, k] * error[h, k]) if alike[h, k] else 0.0
                 seen_at(near_r, far_r, place[h, k].real, place[h, k].imag, tolerance, &conflict)
                 of_current += conflict * (1.0 - weight)
                 weight *= weights[k]
