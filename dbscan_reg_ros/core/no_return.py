@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from .repeated_ranges import with_repeated_end
 from .scan import Scan
 
 
@@ -115,10 +116,8 @@ def _shared(ranges: npt.NDArray[np.float32], range_max: float, angle_increment: 
     The allowed number of beams follows from the other ranges of the scan: the most beams that share another large
     range, and the resolution, which for triangulating sensors grows with the square of the range.
     """
-    with np.errstate(invalid='ignore'):
-        values = np.sort(ranges[(ranges > 0.0) & (ranges <= range_max) & (ranges < np.inf)])
-    farthest = values[-int(_STRAY * len(values)) - _FEWEST:]
-    if not (farthest[_FEWEST - 1:] == farthest[:-_FEWEST + 1]).any():
+    values = with_repeated_end(ranges, range_max, _FEWEST, _STRAY)
+    if values is None:
         return None
     distinct, counts = np.unique(values, return_counts=True)
     beyond = len(values) - np.cumsum(counts)
@@ -127,7 +126,7 @@ def _shared(ranges: npt.NDArray[np.float32], range_max: float, angle_increment: 
         return None
     last = shared[-1]
     value, count = float(distinct[last]), int(counts[last])
-    others, counts = np.delete(distinct, last).astype(float), np.delete(counts, last)
+    others, counts = np.delete(distinct, last), np.delete(counts, last)
     if len(others) < _FEWEST_OTHERS:
         return None
     if count < _RATIO * counts[others >= 0.5 * value].max(initial=1):
