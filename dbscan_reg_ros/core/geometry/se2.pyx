@@ -140,10 +140,3 @@ cdef class SE2:
 
     def __reduce__(self):
         return SE2, self.as_tuple()
-
-
-cdef inline SE2 motion(double x, double y, double theta):
-    """Return a motion."""
-    cdef SE2 made = SE2.__new__(SE2)
-    made.x, made.y, made.theta = x, y, theta
-    return made

@@ -33,6 +33,32 @@ def inverse(const double[:, :] matrix):
     return result
 
 
+def corrected(const double[:, :] covariance, const double[:, :] information):
+    """Combine a `covariance` P with independent `information` I, both ``(3, 3)`` in one frame.
+
+    Returns
+    -------
+    covariance : (3, 3) array
+        ``C = (P^-1 + I)^-1``.
+    gain : (3, 3) array
+        ``1 - C I``, the Kalman gain of what has the covariance P.
+    """
+    combined, gain = inverse(covariance), np.empty((DOF, DOF))
+    cdef double[:, ::1] total = combined, weight = gain
+    cdef Py_ssize_t i, j, k
+    for i in range(3):
+        for j in range(3):
+            total[i, j] += information[i, j]
+    combined = inverse(total)
+    total = combined
+    for i in range(3):
+        for j in range(3):
+            weight[i, j] = i == j
+            for k in range(3):
+                weight[i, j] -= total[i, k] * information[k, j]
+    return combined, gain
+
+
 def mahalanobis(error, const double[:, :] covariance):
     """Return the squared Mahalanobis distance from zero of an `error` ``(3,)`` with a `covariance` ``(3, 3)``."""
     cdef double[3] e

@@ -111,7 +111,7 @@ class Odometry:
         predicted = None
         if mounting is not None:
             elapsed = state.order.time_since_last(result.stamp)
-            predicted = state.pose @ SE2.from_array(elapsed * state.motion.twist) @ mounting
+            predicted = state.motion.moved(state.pose, elapsed) @ mounting
         location = locate(result.features, window, predicted, self._parameters, self._search_parameters)
         return location and location._replace(pose=state.output.corrected(location.pose))
 
@@ -164,7 +164,7 @@ class Odometry:
         interval = copy.deepcopy(own.stamps).next(stamp, 0.0, p.time, own.stamps.duration)
         if len(state.sensors) > 1:
             elapsed = state.order.time_since_last(stamp)
-            interval = dataclasses.replace(interval, length=elapsed, elapsed=elapsed, of_others=True)
+            interval = interval._replace(length=elapsed, elapsed=elapsed, of_others=True)
         return state.motion.predict(interval, p)
 
     def _sensor_state(self, scan: Scan, sensor: Sensor, uses: bool) -> SensorState:
@@ -283,6 +283,6 @@ class Odometry:
         twist = (sensor.pose_at(state.pose).inverse() @ outcome.match.pose).as_array() / predictions.interval.length
         first = self._extract(state.key_frames.latest.features.measured, ratio * twist, sensor, again=True)
         features = self._extract(scan, ratio * twist, sensor, again=True)
-        interval = dataclasses.replace(predictions.interval, middle_offset=middle_offset(scan, features, ratio))
+        interval = predictions.interval._replace(middle_offset=middle_offset(scan, features, ratio))
         update.start_in_motion(state, first, sensor.first_twist(twist), interval)
         return features, gate.after(interval)

@@ -2,17 +2,11 @@
 """Report of one step of the odometry."""
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..features.records import Features
-from ..geometry.se2 import SE2, turned
-from ..geometry.symmetric_matrix import IDENTITY, diagonal
-from ..geometry.tolerance import RESOLUTION, TINY
+from ..geometry.se2 import SE2
 from ..mapping.key_frame import KeyFrame
 from ..registration.records import Prior, Registration, Status
 from ..sensor import FIRST, Sensor
-from .models.covariance import coordinate_covariance
 from .models.stamps import ScanInterval
 from .records import OdometryUpdate
 from .state import TrackState
@@ -37,10 +31,9 @@ def report(state: TrackState, features: Features, step: ReportedStep) -> Odometr
     """Return the update with the published pose of a scan; variances of a lidar's resolution are added."""
     number, frame = state.output.number, step.key_frame
     pose, increment = state.output.publish(step.pose)
-    covariance = turned(coordinate_covariance(state.covariance.pose) + state.covariance.unobserved, pose.theta)
     return OdometryUpdate(
-        stamp=features.measured.stamp, pose=pose, covariance=covariance + _LEAST,
-        twist=state.motion.twist.copy(), twist_covariance=_of_twist(state),
+        stamp=features.measured.stamp, pose=pose, covariance=state.covariance.published(pose.theta),
+        twist=state.motion.twist.copy(), twist_covariance=state.covariance.published_twist(state.motion.variance),
         interval=step.interval.length, increment=increment, status=step.status, registration=step.registration,
         features=features, reference=None if frame is None else frame.features,
         reference_pose=step.sensor.pose_at(pose) if frame is None else state.output.corrected(frame.pose),
@@ -55,16 +48,3 @@ def report_waiting(state: TrackState, features: Features, sensor: Sensor, repeat
     """Return the last pose again: a scan of the `sensor` was not used, for example because it `repeats` the last."""
     return report(state, features, ReportedStep(
         state.pose, ScanInterval(0.0, 0.0, 0.0), Status.OK, sensor=sensor, repeats=repeats))
-
-
-def _of_twist(state: TrackState) -> NDArray[np.float64]:
-    """Return the covariance ``(3, 3)`` of the twist; what is added to an unknown one stays within 1 m/s and 1 rad/s."""
-    covariance, added, share = state.covariance.twist, state.motion.variance, 1.0
-    if covariance.trace() + added.max() > 1.0:
-        share = min(max(1.0 - np.linalg.eigvalsh(covariance)[-1], 0.0) / max(added.max(), TINY), 1.0)
-    result: NDArray[np.float64] = covariance + diagonal(*(share * added)) + _LEAST
-    return result
-
-
-_LEAST = RESOLUTION ** 2 * IDENTITY
-"""Covariance of the resolution of a lidar [m, m, rad], which is added to every published one."""

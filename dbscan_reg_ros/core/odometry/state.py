@@ -13,11 +13,11 @@ from ..no_return import NoReturn
 from ..parameters.odometry import OdometryParameters
 from ..registration.records import Prior
 from .models.beam_timing import BeamTimingSearch
-from .models.covariance import CovariancePropagation
 from .models.manhattan import ManhattanHeading
 from .models.motion import ConstantVelocityModel
 from .models.noise_history import NoiseRatioHistory
 from .models.pose_output import PoseOutput
+from .models.propagation import CovariancePropagation
 from .models.scan_order import ScanOrder
 from .models.stamps import ScanInterval, StampFilter
 from .models.wheel_calibration import WheelCalibration

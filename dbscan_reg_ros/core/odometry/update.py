@@ -13,12 +13,10 @@ lost for `restart_time`         ``STARTING``             `coast`
 import dataclasses
 from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..features.records import Features
+from ..geometry.array_types import FloatArray
 from ..geometry.se2 import SE2
-from ..geometry.symmetric_matrix import IDENTITY, inverse
+from ..geometry.symmetric_matrix import corrected
 from ..mapping.key_frame import KeyFrame
 from ..mapping.key_frame_window import KeyFrameWindow, latest_frames
 from ..mapping.records import PosePrior
@@ -29,9 +27,8 @@ from ..sensor import FIRST, Sensor
 from .alignment import Aligned, align_scan
 from .gate import Gate
 from .key_frame_decision import completes_map, is_due
-from .models.covariance import NO_MEASUREMENT, PoseMeasurement
 from .models.manhattan import ManhattanHeading
-from .models.motion import ConstantVelocityModel, integrate
+from .models.motion import ConstantVelocityModel
 from .models.stamps import ScanInterval
 from .models.wheel_calibration import WheelCalibration
 from .prediction import Predictions, coasting_prior
@@ -78,7 +75,7 @@ def leave_out(state: TrackState, sensor: Sensor) -> None:
     state.window = state.window and state.window.without(sensor.name)
 
 
-def start_in_motion(state: TrackState, first: Features, twist: NDArray[np.float64], interval: ScanInterval) -> None:
+def start_in_motion(state: TrackState, first: Features, twist: FloatArray, interval: ScanInterval) -> None:
     """Replace the first scan of a track by its deskewed features, and set the `twist` [m/s, m/s, rad/s]."""
     frame = dataclasses.replace(state.key_frames.latest, features=first)
     state.window = KeyFrameWindow((frame,))
@@ -192,11 +189,11 @@ def _rejoin(state: TrackState, outcome: Outcome, p: Parameters) -> None:
 
 
 def _propagate(state: TrackState, pose: SE2, prior: Prior, interval: ScanInterval,
-               measurement: PoseMeasurement = NO_MEASUREMENT) -> None:
-    """Propagate the heading filter and the covariances to `pose`."""
+               gain: FloatArray | None = None, measured: FloatArray | None = None) -> None:
+    """Propagate the heading filter and the covariances to `pose`; the others as for `CovariancePropagation`."""
     step = state.pose.inverse() @ pose
     state.heading.propagate(step)
-    state.covariance.propagate(step, interval.length, prior, measurement)
+    state.covariance.propagate(step, interval.length, prior, gain, measured)
     if interval.gap:
         # Mostly the stamp is wrong and the motion continues, but its velocity is unknown.
         state.covariance.reset_twist()
@@ -224,18 +221,17 @@ class _FoundScan:
         aligned = align_scan(state.key_frames, match, map_prior, gate.predictions, self._parameters)
         # Update covariances, motion and key frames.
         information = map_prior.information if map_prior.information.any() else gate.motion_information(prior)
-        covariance = inverse(inverse(aligned.covariance) + information)
-        gain = IDENTITY - covariance @ information
+        covariance, gain = corrected(aligned.covariance, information)
         pose = sensor.first_at(aligned.pose)
-        measurement = PoseMeasurement(sensor.first_gain(gain), sensor.first_covariance(aligned.covariance))
-        _propagate(state, pose, sensor.first_prior(prior), interval, measurement)
+        _propagate(state, pose, sensor.first_prior(prior), interval, sensor.first_gain(gain),
+                   sensor.first_covariance(aligned.covariance))
         if state.motion.position_unknown:
             state.covariance.reset_twist()
         constraints = aligned.motion_constraints(prior, registration)
         state.pose = state.motion.update(pose, interval, constraints, self._parameters, sensor.name)
-        middle = state.pose @ integrate(state.motion.twist, interval.middle_offset)
-        state.sensors[sensor.name].stamps.judge(middle)
-        state.covariance.observe(float(registration.status is Status.OK) * state.motion.twist)
+        state.sensors[sensor.name].stamps.judge(state.motion.moved(state.pose, interval.middle_offset))
+        if registration.status is Status.OK:
+            state.covariance.observe(state.motion.twist)
         is_key_frame = self._update_key_frames(aligned)
         # Report, and learn from the motion.
         pose = state.output.averaged(state.pose, sensor.first_covariance(covariance), interval.length,

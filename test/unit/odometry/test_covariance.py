@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.models.covariance import CovariancePropagation, PoseMeasurement, coordinate_covariance
+from dbscan_reg_ros.core.odometry.models.propagation import CovariancePropagation, coordinate_covariance
 from dbscan_reg_ros.core.registration.records import Prior
 
 STEP, INTERVAL = SE2(0.2, 0.05, 0.3), 0.1
@@ -24,7 +24,7 @@ def sigma(covariance):
 def test_a_pose_fixed_by_key_frames_has_the_covariance_of_the_match():
     drift = CovariancePropagation()
     for _ in range(5):
-        drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(ALL, MATCHED))
+        drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), ALL, MATCHED)
     np.testing.assert_allclose(drift.pose, MATCHED, atol=1e-15)
     before = STEP.inverse().adjoint() @ MATCHED @ STEP.inverse().adjoint().T
     np.testing.assert_allclose(drift.twist, (before + MATCHED) / INTERVAL ** 2, rtol=1e-9)
@@ -33,7 +33,7 @@ def test_a_pose_fixed_by_key_frames_has_the_covariance_of_the_match():
 def test_every_key_frame_adds_its_own_error():
     drift, straight = CovariancePropagation(), SE2(0.3, 0.0, 0.0)
     for k in range(1, 5):
-        drift.propagate(straight, INTERVAL, Prior(straight, SPREAD, CHANGE), PoseMeasurement(ALL, MATCHED))
+        drift.propagate(straight, INTERVAL, Prior(straight, SPREAD, CHANGE), ALL, MATCHED)
         drift.start_key_frame()
         assert drift.pose[0, 0] == pytest.approx(k * MATCHED[0, 0])
         assert drift.pose[2, 2] == pytest.approx(k * MATCHED[2, 2])
@@ -44,7 +44,7 @@ def test_the_twist_after_a_key_frame_has_the_errors_of_both_scans():
     """Both are aligned with the older key frames: one scan's error is not that of the map."""
     drift, still = CovariancePropagation(), SE2()
     for _ in range(4):
-        drift.propagate(still, INTERVAL, Prior(still, SPREAD, CHANGE), PoseMeasurement(ALL, MATCHED))
+        drift.propagate(still, INTERVAL, Prior(still, SPREAD, CHANGE), ALL, MATCHED)
         drift.start_key_frame()
     np.testing.assert_allclose(drift.twist, 2.0 * MATCHED / INTERVAL ** 2, rtol=1e-9)
 
@@ -74,14 +74,14 @@ def test_the_covariance_of_an_external_prior_replaces_that_of_the_twist():
 
 def test_an_interval_of_zero_leaves_the_twist_unknown():
     drift = CovariancePropagation()
-    drift.propagate(STEP, 0.0, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(ALL, MATCHED))
+    drift.propagate(STEP, 0.0, Prior(STEP, SPREAD, CHANGE), ALL, MATCHED)
     assert np.isfinite(drift.pose).all()
     np.testing.assert_array_equal(drift.twist, np.eye(3))
 
 
 def test_after_an_unknown_motion_pose_and_twist_are_unknown():
     drift = CovariancePropagation()
-    drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(ALL, MATCHED))
+    drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), ALL, MATCHED)
     drift.observe(np.array((0.0, 2.0, 0.1)))
     drift.add_unknown_motion(3.0)
     np.testing.assert_allclose(drift.pose, MATCHED)
@@ -102,7 +102,7 @@ def test_the_errors_of_many_drives_are_as_large(fractions):
     of_key_frame = np.zeros((size, 3))
     kept = np.sqrt(1.0 - np.diagonal(CHANGE) / INTERVAL ** 2)
     for k, fraction in enumerate(fractions):
-        drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), PoseMeasurement(fraction, MATCHED))
+        drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), fraction, MATCHED)
         pose, base = pose @ back.T, base @ back.T
         change = rng.normal(size=(size, 3)) * sigma(CHANGE)
         jitter = rng.normal(size=(size, 3)) * sigma(SPREAD - CHANGE)

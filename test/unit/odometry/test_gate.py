@@ -270,7 +270,7 @@ def test_errors_of_wheels_are_learned_where_they_agree_and_the_time_is_known():
     assert gate(external=True).supports_external(SE2(0.03))
     assert not gate(external=True).supports_external(SE2(0.05))
     assert not gate().supports_external(SE2())
-    jumped = dataclasses.replace(TICK, jump=Jump.FORWARD)
+    jumped = TICK._replace(jump=Jump.FORWARD)
     assert not gate(external=True, interval=jumped).supports_external(SE2())
 
 

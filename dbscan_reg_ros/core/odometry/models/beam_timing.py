@@ -18,7 +18,6 @@ from ...registration.point_to_line import fit, refine
 from ...registration.residuals import Alignment
 from ...scan import Scan
 from ..records import OdometryUpdate
-from .motion import integrate
 from .stamps import middle_offset
 
 Extract = Callable[[Scan, FloatArray], Features]
@@ -74,7 +73,8 @@ class MovingScan(NamedTuple):
     @classmethod
     def of(cls, result: OdometryUpdate, sent: Scan, measured: Scan, twist: FloatArray, pose: SE2) -> 'MovingScan':
         """Make it of the scan of a `result`, as `sent` and as used, whose sensor has a `pose` at the stamp."""
-        return cls(result.number, sent, twist, pose @ integrate(twist, middle_offset(measured, result.features, 1.0)))
+        offset = middle_offset(measured, result.features, 1.0)
+        return cls(result.number, sent, twist, pose @ SE2.from_array(offset * twist))
 
 
 class _Timed(NamedTuple):
@@ -98,7 +98,7 @@ class _TimedScan:
             scan, twist = timing.of(self.moving.scan, self._last_beam), self.moving.twist
             features = self._extract(scan, twist)
             offset = middle_offset(scan, features, 1.0)
-            self._made[timing] = _Timed(features, self.moving.middle @ integrate(twist, offset).inverse(), offset)
+            self._made[timing] = _Timed(features, self.moving.middle @ SE2.from_array(offset * twist).inverse(), offset)
         return self._made[timing]
 
 

@@ -4,7 +4,6 @@ import math
 from bisect import bisect_left, insort
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
 from statistics import median
 from typing import NamedTuple
@@ -48,8 +47,7 @@ class ScanTiming(NamedTuple):
         return middle_offset(scan, features, self.ratio) if self.duration else 0.0
 
 
-@dataclass(frozen=True)
-class ScanInterval:
+class ScanInterval(NamedTuple):
     """The time from one scan to the next.
 
     Attributes
