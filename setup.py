@@ -42,7 +42,7 @@ def extensions():
                       depends=list(map(str, SOURCES)) if module == SOURCE_HASH else included,
                       define_macros=[('DBSCAN_REG_SOURCE_HASH', f'"{digest}"')] if module == SOURCE_HASH else [],
                       extra_compile_args=['-O2', '-ftree-vectorize', '-ffp-contract=off', '-fcx-fortran-rules',
-                                          '-fno-math-errno', '-g0'])
+                                          '-fno-math-errno', '-fno-trapping-math', '-g0'])
             for module in MODULES]
 
 

@@ -15,6 +15,10 @@ from ..registration.point_to_line cimport Equations, add_row, solve_step
 
 cdef double TINY = tolerance.TINY
 
+ctypedef fused Number:
+    int
+    double
+
 
 cdef class Correspondences:
     """M pairs of a point of a scan and the line of a key frame on which the point lies.
@@ -27,16 +31,22 @@ cdef class Correspondences:
         Number of points of the scan.
     """
 
-    def __cinit__(self, pose, Py_ssize_t size, Py_ssize_t most):
-        self.pose, self.size, self.scale = pose, size, 0.0
-        self.pairs = <Pair *> malloc(max(most, 1) * sizeof(Pair))
-        self.total = <double *> malloc(max(size, 1) * sizeof(double))
-        if self.pairs == NULL or self.total == NULL:
+    def __cinit__(self, Py_ssize_t size, Py_ssize_t most):
+        # Whole lanes, and one pair that is written but not counted.
+        most += LANES - most % LANES
+        self.size, self.most = size, most
+        self.block = <double *> malloc((7 * most + size) * sizeof(double))
+        self.turned = <Turned *> malloc(max(size, 1) * sizeof(Turned))
+        if self.block == NULL or self.turned == NULL:
             raise MemoryError
+        self.a, self.b, self.r, self.e = self.block, self.block + most, self.block + 2 * most, self.block + 3 * most
+        self.given, self.weight, self.total = self.block + 4 * most, self.block + 5 * most, self.block + 7 * most
+        self.of_frame = <int *> (self.block + 6 * most)
+        self.of_point = self.of_frame + most
 
     def __dealloc__(self):
-        free(self.pairs)
-        free(self.total)
+        free(self.block)
+        free(self.turned)
 
     def __len__(self):
         return self.count
@@ -44,70 +54,81 @@ cdef class Correspondences:
     @property
     def frame(self):
         """``(M,)`` int: index of the key frame of each pair."""
-        return self.table()['frame']
+        return copied(self.of_frame, self.count)
 
     @property
     def index(self):
         """``(M,)`` int: index of the point of each pair."""
-        return self.table()['point']
+        return copied(self.of_point, self.count)
 
     @property
     def rows(self):
         """``(4, M)`` float: `residuals.linear_residuals` [m] of the pairs at `pose`, for rotations about the sensor."""
-        table = self.table()
-        return np.array((table['a'], table['b'], table['r'], table['e']))
+        return np.array(<double[:4, :self.most]> self.block)[:, :self.count]
 
     @property
     def weights(self):
         """``(M,)`` float: given weight of each pair, from 0 to 1."""
-        return self.table()['given']
-
-    def table(self):
-        """Return a copy of the pairs ``(M,)``, with the fields of `Pair`."""
-        return np.array(<Pair[:max(self.count, 1)]> self.pairs)[:self.count]
+        return copied(self.given, self.count)
 
     def match(self, other, double scale):
         """Return errors [m] and weights ``(M,)`` at another pose, by a kernel of the `scale` [m]."""
-        cdef double[:, ::1] values = np.empty((2, self.count))
         pose = self.pose
         cdef double[3] step = [other.x - pose.x, other.y - pose.y, wrap(other.theta - pose.theta)]
-        cdef Py_ssize_t k
         self.weigh(step, scale)
-        for k in range(self.count):
-            values[0, k] = (step[0] * self.pairs[k].a + step[1] * self.pairs[k].b + step[2] * self.pairs[k].r
-                            + self.pairs[k].e)
-            values[1, k] = self.pairs[k].weight
-        return np.asarray(values[0]), np.asarray(values[1])
+        return np.array((step[0], step[1], step[2], 1.0)) @ self.rows, copied(self.weight, self.count)
+
+    cdef void end(self) noexcept nogil:
+        """Fill the last lanes after the last pair."""
+        cdef Py_ssize_t k
+        for k in range(self.count, self.count + LANES - self.count % LANES):
+            self.a[k] = self.b[k] = self.r[k] = self.e[k] = 0.0
+        self.scale = 0.0
 
     cdef void weigh(self, const double *step, double scale) noexcept nogil:
         """Weight the pairs after a step (x, y, theta) by a kernel (Eq. 18) of the `scale` [m] and their given weights.
 
         The weights of all pairs of one point sum to at most 1.
         """
-        cdef double factor = -0.5 / (scale * scale), e
-        cdef Pair *pair
-        cdef Py_ssize_t k
-        if scale == self.scale and step[0] == self.step[0] and step[1] == self.step[1] and step[2] == self.step[2]:
+        cdef double factor = -0.5 / (scale * scale), x = step[0], y = step[1], theta = step[2]
+        cdef double *a = self.a
+        cdef double *b = self.b
+        cdef double *r = self.r
+        cdef double *e = self.e
+        cdef double *weight = self.weight
+        cdef double *total = self.total
+        cdef double[LANES] kernel
+        cdef Py_ssize_t block, first, k
+        if scale == self.scale and x == self.step[0] and y == self.step[1] and theta == self.step[2]:
             return
-        self.scale, self.step = scale, [step[0], step[1], step[2]]
-        memset(self.total, 0, self.size * sizeof(double))
+        self.scale, self.step = scale, [x, y, theta]
+        for block in range((self.count + LANES - 1) // LANES):
+            first = LANES * block
+            for k in range(LANES):
+                kernel[k] = x * a[first + k] + y * b[first + k] + theta * r[first + k] + e[first + k]
+            for k in range(LANES):
+                kernel[k] = decaying_exp(factor * kernel[k] * kernel[k])
+            for k in range(LANES):
+                weight[first + k] = kernel[k]
+        memset(total, 0, self.size * sizeof(double))
         for k in range(self.count):
-            pair = &self.pairs[k]
-            e = step[0] * pair.a + step[1] * pair.b + step[2] * pair.r + pair.e
-            pair.weight = decaying_exp(factor * e * e)
-            self.total[pair.point] += pair.weight
+            total[self.of_point[k]] += weight[k]
         for k in range(self.count):
-            pair = &self.pairs[k]
-            pair.weight = pair.weight / max(self.total[pair.point], 1.0) * pair.given
+            weight[k] = weight[k] / max(total[self.of_point[k]], 1.0) * self.given[k]
 
     cdef void add(self, const double *step, double scale, Equations *sums) noexcept nogil:
         """Weight the pairs as `weigh`, and add them to normal equations."""
-        cdef Pair *pair
+        cdef Equations total = sums[0]
         cdef Py_ssize_t k
         self.weigh(step, scale)
         for k in range(self.count):
-            pair = &self.pairs[k]
-            add_row(sums, pair.weight, pair.a, pair.b, pair.r, pair.e)
+            add_row(&total, self.weight[k], self.a[k], self.b[k], self.r[k], self.e[k])
+        sums[0] = total
+
+
+cdef copied(Number *values, Py_ssize_t count):
+    """Return a copy of as many values."""
+    return np.array(<Number[:max(count, 1)]> values)[:count]
 
 
 def weighted_by_agreement(Correspondences found, Correspondences own, const unsigned char[::1] is_own, double scale,
@@ -134,18 +155,15 @@ def weighted_by_agreement(Correspondences found, Correspondences own, const unsi
     cdef double[:, ::1] sums = np.zeros((4, found.size))
     cdef double[::1] agreement = np.empty(found.size)
     cdef Py_ssize_t k, p
-    cdef Pair *pair
     with nogil:
         for k in range(found.count):
-            pair = &found.pairs[k]
-            if not is_own[pair.frame]:
-                p, w = pair.point, decaying_exp(factor * pair.e * pair.e)
+            if not is_own[found.of_frame[k]]:
+                p, w = found.of_point[k], decaying_exp(factor * found.e[k] * found.e[k])
                 sums[0, p] += w
-                sums[1, p] += w * pair.e
+                sums[1, p] += w * found.e[k]
         for k in range(own.count):
-            pair = &own.pairs[k]
-            e = dx * pair.a + dy * pair.b + turn * pair.r + pair.e
-            p, w = pair.point, decaying_exp(factor * e * e)
+            e = dx * own.a[k] + dy * own.b[k] + turn * own.r[k] + own.e[k]
+            p, w = own.of_point[k], decaying_exp(factor * e * e)
             sums[2, p] += w
             sums[3, p] += w * e
         for p in range(found.size):
@@ -153,9 +171,8 @@ def weighted_by_agreement(Correspondences found, Correspondences own, const unsi
             apart = (sums[1, p] / sums[0, p] - sums[3, p] / sums[2, p]) / noise
             agreement[p] = decaying_exp(-0.5 * apart * apart / (1.0 / sums[0, p] + 1.0 / sums[2, p]))
         for k in range(found.count):
-            pair = &found.pairs[k]
-            if not is_own[pair.frame]:
-                pair.given *= agreement[pair.point]
+            if not is_own[found.of_frame[k]]:
+                found.given[k] *= agreement[found.of_point[k]]
     found.scale = 0.0
 
 

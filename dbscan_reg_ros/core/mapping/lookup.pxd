@@ -3,7 +3,7 @@
 """Table of the key frames, and the look-up of a scan in it."""
 from ..features.oriented_points cimport OrientedPoints
 from ..registration.views cimport FieldArrays
-from .correspondences cimport Correspondences, Pair
+from .correspondences cimport Correspondences
 
 
 cdef struct Slot:
@@ -22,9 +22,9 @@ cdef class Slots:
     cdef Py_ssize_t count
 
 
-cdef struct Turned:
-    # A point relative to the sensor [m] and its normal, rotated into the odometry frame.
-    double x, y, nx, ny
+cdef struct Hit:
+    # A point of a scan, and the point of a key frame that is nearest to it.
+    Py_ssize_t point, line
 
 
 cdef class ScanLookup:
@@ -32,10 +32,9 @@ cdef class ScanLookup:
     cdef OrientedPoints own
     cdef object density, subsets
     cdef double min_cosine, x, y
-    cdef Turned *turned
-    cdef Py_ssize_t *nearest
+    cdef Hit *hits
 
     cdef Correspondences at(self, pose)
     cdef Correspondences in_frame(self, Py_ssize_t frame, pose)
-    cdef int turn(self, pose) except -1
-    cdef Py_ssize_t add(self, Py_ssize_t frame, const Py_ssize_t[::1] chosen, Pair *pairs) except -1 nogil
+    cdef Correspondences turned(self, pose, Py_ssize_t most)
+    cdef int add(self, Py_ssize_t frame, const Py_ssize_t[::1] chosen, Correspondences found) except -1 nogil

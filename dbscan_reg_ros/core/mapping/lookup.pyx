@@ -5,6 +5,7 @@ import numpy as np
 
 from ..features.oriented_points import high_leverage
 
+cimport cython
 from libc.math cimport cos, fabs, sin
 from libc.stdlib cimport free, malloc
 
@@ -12,7 +13,7 @@ from ..features.oriented_points cimport OrientedPoints
 from ..geometry.exponential cimport decaying_exp
 from ..geometry.plane cimport length_of
 from ..registration.views cimport FieldArrays, Lines, lines_of, nearest
-from .correspondences cimport Correspondences, Pair
+from .correspondences cimport Correspondences, Turned
 
 # Each point is looked up in at least this many key frames.
 cdef Py_ssize_t MIN_FRAMES_PER_POINT = 3
@@ -67,14 +68,13 @@ cdef class ScanLookup:
     def __cinit__(self, Slots slots, OrientedPoints points, density):
         self.slots, self.own, self.density = slots, points, density
         self.min_cosine = density.min_normal_cosine
-        self.turned = <Turned *> malloc(max(self.own.size, 1) * sizeof(Turned))
-        self.nearest = <Py_ssize_t *> malloc(max(self.own.size, 1) * sizeof(Py_ssize_t))
-        if self.turned == NULL or self.nearest == NULL:
+        # One more is written, but not counted.
+        self.hits = <Hit *> malloc((self.own.size + 1) * sizeof(Hit))
+        if self.hits == NULL:
             raise MemoryError
 
     def __dealloc__(self):
-        free(self.turned)
-        free(self.nearest)
+        free(self.hits)
 
     cdef Correspondences at(self, pose):
         """Look up the lines of all key frames on which the points of the scan at a `pose` lie.
@@ -86,77 +86,73 @@ cdef class ScanLookup:
         cdef Correspondences found
         cdef Py_ssize_t k
         if self.subsets is None:
-            self.subsets = look_up_subsets(high_leverage(self.own.normals), self.own.beams_view, self.slots.count,
+            self.subsets = look_up_subsets(high_leverage(self.own.normals_view), self.own.beams_view, self.slots.count,
                                            self.density.max_points // SUBSETS)
         chosen = self.subsets
-        found = Correspondences(pose, self.own.size, self.slots.count * chosen.shape[1])
-        self.turn(pose)
+        found = self.turned(pose, self.slots.count * chosen.shape[1])
         for k in range(self.slots.count):
-            found.count += self.add(k, chosen[k % chosen.shape[0]], &found.pairs[found.count])
+            self.add(k, chosen[k % chosen.shape[0]], found)
+        found.end()
         return found
 
     cdef Correspondences in_frame(self, Py_ssize_t frame, pose):
         """Look up the lines of one key frame on which the points of the scan at a `pose` lie."""
-        cdef Correspondences found = Correspondences(pose, self.own.size, self.own.size)
-        self.turn(pose)
-        found.count = self.add(frame, np.arange(self.own.size), found.pairs)
+        cdef Correspondences found = self.turned(pose, self.own.size)
+        self.add(frame, np.arange(self.own.size), found)
+        found.end()
         return found
 
-    cdef int turn(self, pose) except -1:
-        """Rotate points and normals to a `pose` of the scan in the odometry frame (Eq. 8)."""
+    cdef Correspondences turned(self, pose, Py_ssize_t most):
+        """Return correspondences without pairs, and with the points rotated to a `pose` in the odometry frame (Eq. 8)."""
+        cdef Correspondences found = Correspondences(self.own.size, most)
         cdef double c = cos(pose.theta), s = sin(pose.theta)
         cdef double complex point, normal
         cdef Py_ssize_t k
-        self.x, self.y = pose.x, pose.y
+        found.pose, self.x, self.y = pose, pose.x, pose.y
         for k in range(self.own.size):
             point, normal = self.own.points_view[k], self.own.normals_view[k]
-            self.turned[k] = Turned(c * point.real - s * point.imag, c * point.imag + s * point.real,
-                                    c * normal.real - s * normal.imag, c * normal.imag + s * normal.real)
-        return 0
+            found.turned[k] = Turned(c * point.real - s * point.imag, c * point.imag + s * point.real,
+                                     c * normal.real - s * normal.imag, c * normal.imag + s * normal.real,
+                                     self.own.inverse_noise_view[k], self.own.weights_view[k])
+        return found
 
-    cdef Py_ssize_t add(self, Py_ssize_t frame, const Py_ssize_t[::1] chosen, Pair *pairs) except -1 nogil:
-        """Write the pairs of `chosen` points and nearest lines of a key frame; return their number.
+    @cython.boundscheck(False)
+    cdef int add(self, Py_ssize_t frame, const Py_ssize_t[::1] chosen, Correspondences found) except -1 nogil:
+        """Add the pairs of `chosen` points and nearest lines of a key frame.
 
-        The normals of a pair agree, and the point lies beside the piece of line. No look-up depends on another or on a
-        condition, so that many are under way at a time.
+        The normals of a pair agree, and the point lies beside the piece of line. No step depends on another or on a
+        condition, so that many are under way at a time: what is no pair is overwritten by the next. No index is checked:
+        `chosen` has indices of points, `found` has room, and `Lines` hold a valid table.
         """
         cdef Slot *slot = &self.slots.slots[frame]
         cdef FieldArrays *field = &slot.field
         cdef Turned *turned
-        cdef Pair *pair
-        cdef Py_ssize_t i, p, at, count = 0
-        cdef double x = self.x - slot.x, y = self.y - slot.y, dx, dy, nx, ny, noise
+        cdef Py_ssize_t i, at, hits = 0, count = found.count
+        cdef double x = self.x - slot.x, y = self.y - slot.y, c = slot.c, s = slot.s, dx, dy, nx, ny
         cdef double complex line
-        if frame >= self.slots.count or chosen.shape[0] > self.own.size:
-            raise IndexError('more key frames or points than expected')
+        cdef bint alike, beside
         for i in range(chosen.shape[0]):
-            if not 0 <= chosen[i] < self.own.size:
-                raise IndexError('a look-up of a point that the scan has not')
-            turned = &self.turned[chosen[i]]
+            turned = &found.turned[chosen[i]]
             dx, dy = turned.x + x, turned.y + y
-            self.nearest[i] = nearest(field, slot.c * dx - slot.s * dy, slot.s * dx + slot.c * dy)
-        for i in range(chosen.shape[0]):
-            p, at = chosen[i], self.nearest[i]
-            if at >= field.size:
-                raise IndexError('a table with an index of no point')
+            at = nearest(field, c * dx - s * dy, s * dx + c * dy)
+            self.hits[hits] = Hit(chosen[i], at)
+            hits += at != field.size - 1
+        for i in range(hits):
+            turned, at = &found.turned[self.hits[i].point], self.hits[i].line
             line = field.normals[at]
-            if line.real == 0.0 and line.imag == 0.0:
-                continue
-            turned = &self.turned[p]
-            # The conjugated normal in the odometry frame; that of no point is 0.
-            nx, ny = line.real * slot.c - line.imag * slot.s, line.real * slot.s + line.imag * slot.c
-            if not nx * turned.nx - ny * turned.ny > self.min_cosine:
-                continue
+            # The conjugated normal in the odometry frame.
+            nx, ny = line.real * c - line.imag * s, line.real * s + line.imag * c
             dx, dy = turned.x + x, turned.y + y
-            if not fabs(nx * dy + ny * dx - field.along[at]) <= field.extents[at]:
-                continue
-            pair, noise = &pairs[count], self.own.inverse_noise_view[p]
-            pair.frame, pair.point, pair.e = frame, p, (nx * dx - ny * dy - field.offsets[at]) * noise
-            nx, ny = nx * noise, ny * noise
-            pair.a, pair.b, pair.r = nx, -ny, -(nx * turned.y + ny * turned.x)
-            pair.x, pair.y, pair.given = turned.x, turned.y, self.own.weights_view[p]
-            count += 1
-        return count
+            alike = nx * turned.nx - ny * turned.ny > self.min_cosine
+            beside = fabs(nx * dy + ny * dx - field.along[at]) <= field.extents[at]
+            found.e[count] = (nx * dx - ny * dy - field.offsets[at]) * turned.inverse_noise
+            nx, ny = nx * turned.inverse_noise, ny * turned.inverse_noise
+            found.a[count], found.b[count], found.r[count] = nx, -ny, -(nx * turned.y + ny * turned.x)
+            found.given[count] = turned.weight
+            found.of_frame[count], found.of_point[count] = <int> frame, <int> self.hits[i].point
+            count += alike & beside
+        found.count = count
+        return 0
 
 
 def look_up_correspondences(window, pose, points, density):
@@ -249,18 +245,15 @@ def confirm(window, pose, points, double distance, double scale, density):
     cdef Py_ssize_t size = lookup.own.size, k, i
     cdef const Py_ssize_t[::1] every = np.arange(size)
     cdef double factor = -0.5 / (scale * scale)
+    cdef Correspondences found = lookup.turned(pose, size)
     confirmed = np.zeros(size)
     cdef double[::1] largest = confirmed
-    cdef Pair *pairs = <Pair *> malloc(max(size, 1) * sizeof(Pair))
-    if pairs == NULL:
-        raise MemoryError
-    try:
-        lookup.turn(pose)
-        for k in range(slots.count):
-            if length_of(slots.slots[k].x - lookup.x, slots.slots[k].y - lookup.y) <= distance:
-                continue
-            for i in range(lookup.add(k, every, pairs)):
-                largest[pairs[i].point] = max(largest[pairs[i].point], decaying_exp(factor * pairs[i].e * pairs[i].e))
-    finally:
-        free(pairs)
+    for k in range(slots.count):
+        if length_of(slots.slots[k].x - lookup.x, slots.slots[k].y - lookup.y) <= distance:
+            continue
+        found.count = 0
+        lookup.add(k, every, found)
+        for i in range(found.count):
+            largest[found.of_point[i]] = max(largest[found.of_point[i]],
+                                             decaying_exp(factor * found.e[i] * found.e[i]))
     return confirmed

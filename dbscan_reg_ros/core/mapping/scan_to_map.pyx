@@ -9,6 +9,7 @@ from ..registration.uncertainty import degenerate_rotation, degenerate_translati
 from .correspondences import align, weighted_by_agreement
 from .records import PosePrior
 
+cimport cython
 from libc.math cimport cos, fabs, sin
 
 from ..features.oriented_points cimport OrientedPoints
@@ -16,7 +17,7 @@ from ..geometry.plane cimport length_of, wrap
 from ..geometry.symmetric cimport Weakest, read_weakest
 from ..registration.point_to_line cimport Equations, write_equations
 from ..registration.uncertainty cimport covariance_of, is_corridor_like, write_parallel
-from .correspondences cimport Correspondences, Pair
+from .correspondences cimport Correspondences, Turned
 from .lookup cimport ScanLookup
 
 cdef double TINY = tolerance.TINY
@@ -88,7 +89,6 @@ cdef Correspondences find_correspondences(ScanLookup lookup, pose, direction, p)
     cdef double across, least, angle
     cdef Equations sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     cdef Weakest weakest
-    cdef Pair *pair
     cdef Py_ssize_t k
     found.add(step, p.refinement.map_first_scale, &sums)
     write_equations(&sums, &information[0, 0])
@@ -103,10 +103,9 @@ cdef Correspondences find_correspondences(ScanLookup lookup, pose, direction, p)
     least = p.degeneracy.parallel_tolerance
     write_parallel(angle, information, p.decision.min_information, motion)
     for k in range(found.count):
-        pair = &found.pairs[k]
-        across = motion[0] * pair.a + motion[1] * pair.b + motion[2] * pair.r
-        if fabs(across) < least * length_of(pair.a, pair.b):
-            pair.a, pair.b = pair.a - motion[0] * across, pair.b - motion[1] * across
+        across = motion[0] * found.a[k] + motion[1] * found.b[k] + motion[2] * found.r[k]
+        if fabs(across) < least * length_of(found.a[k], found.b[k]):
+            found.a[k], found.b[k] = found.a[k] - motion[0] * across, found.b[k] - motion[1] * across
     return found
 
 
@@ -151,24 +150,26 @@ cdef int strengthen(const double[:, ::1] information, const double[:, ::1] seemi
     return 0
 
 
+@cython.boundscheck(False)
 cdef double[:, ::1] residuals(Correspondences found, OrientedPoints points, const double *step, double theta):
     """Return ``(8, M)``: error, weight and Jacobian of the pairs after a `step`, and the Jacobian of their points.
 
     The latter is computed with the points' own normals, of a scan with the heading `theta` [rad].
     """
-    cdef double[:, ::1] table = np.empty((8, found.count))
+    cdef double[:, ::1] table = np.empty((8, found.count)), own = np.empty((3, points.size))
     cdef double c = cos(theta), s = sin(theta), x, y
-    cdef Pair *pair
-    cdef Py_ssize_t k
+    cdef Py_ssize_t k, p
     with nogil:
+        for p in range(points.size):
+            x = points.normals_view[p].real * points.inverse_noise_view[p]
+            y = points.normals_view[p].imag * points.inverse_noise_view[p]
+            own[0, p], own[1, p] = c * x - s * y, s * x + c * y
+            own[2, p] = found.turned[p].x * own[1, p] - found.turned[p].y * own[0, p]
         for k in range(found.count):
-            pair = &found.pairs[k]
-            x = points.normals_view[pair.point].real * points.inverse_noise_view[pair.point]
-            y = points.normals_view[pair.point].imag * points.inverse_noise_view[pair.point]
-            table[0, k] = step[0] * pair.a + step[1] * pair.b + step[2] * pair.r + pair.e
-            table[1, k], table[2, k], table[3, k], table[4, k] = pair.weight, pair.a, pair.b, pair.r
-            table[5, k], table[6, k] = c * x - s * y, s * x + c * y
-            table[7, k] = pair.x * table[6, k] - pair.y * table[5, k]
+            table[0, k] = step[0] * found.a[k] + step[1] * found.b[k] + step[2] * found.r[k] + found.e[k]
+            table[1, k], table[2, k], table[3, k], table[4, k] = found.weight[k], found.a[k], found.b[k], found.r[k]
+            p = found.of_point[k]
+            table[5, k], table[6, k], table[7, k] = own[0, p], own[1, p], own[2, p]
     return table
 
 
@@ -177,11 +178,11 @@ cdef double displacement(Correspondences found, other) except? -1.0:
     pose = found.pose
     cdef double dx = other.x - pose.x, dy = other.y - pose.y, t = wrap(other.theta - pose.theta)
     cdef double c = cos(t) - 1.0, s = sin(t), total = 0.0
-    cdef Pair *pair
+    cdef Turned *turned
     cdef Py_ssize_t k
     for k in range(found.count):
-        pair = &found.pairs[k]
-        total += length_of(dx + c * pair.x - s * pair.y, dy + s * pair.x + c * pair.y)
+        turned = &found.turned[found.of_point[k]]
+        total += length_of(dx + c * turned.x - s * turned.y, dy + s * turned.x + c * turned.y)
     return total / max(found.count, 1)
 
 
@@ -254,7 +255,7 @@ def sees_new_surface(features, pose, Correspondences found, double angle, p):
     cdef Py_ssize_t k
     found.weigh(step, p.refinement.map_first_scale)
     for k in range(found.count):
-        known[found.pairs[k].point] += found.pairs[k].weight
+        known[found.of_point[k]] += found.weight[k]
     for k in range(points.size):
         one = point_information(points, k, c, s, least)
         total += one
