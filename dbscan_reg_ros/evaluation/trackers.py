@@ -44,6 +44,8 @@ class Step:
         Direction in which the translation is not observable [rad], in the frame of the first scan.
     covariance : (3, 3) float or None
         Covariance of `pose`, in the frame of the first scan.
+    twist_covariance : (3, 3) float or None
+        Covariance of the velocity, in the frame of the sensor; None if there is no result for the scan.
     registration, contradicted : None
         Always None, because trackers do not report single registrations, and nothing that contradicts them.
     restarted : bool
@@ -54,6 +56,7 @@ class Step:
     status: Status = Status.OK
     degenerate_direction: float | None = None
     covariance: np.ndarray | None = None
+    twist_covariance: np.ndarray | None = None
     registration: None = None
     restarted: bool = False
     contradicted: None = None
@@ -73,10 +76,11 @@ class Ours:
         try:
             update = self._odometry.process(scan, external and external(self._odometry.predict_motion(scan.stamp)))
         except ScanError:
-            return dataclasses.replace(self._last, status=Status.FAILED, degenerate_direction=None)
+            return dataclasses.replace(self._last, status=Status.FAILED, degenerate_direction=None,
+                                       twist_covariance=None)
         free = update.registration and update.registration.degenerate_direction
         free = None if free is None else update.reference_pose.theta + free
-        self._last = Step(update.pose, update.status, free, update.covariance)
+        self._last = Step(update.pose, update.status, free, update.covariance, update.twist_covariance)
         return self._last
 
 

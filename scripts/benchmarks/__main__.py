@@ -49,10 +49,9 @@ MODULES = {
     'covariance': 'registration.covariance',
     'confidence': 'registration.confidence', 'loops': 'registration.loops',
     'figure4': 'paper.figure4', 'paper': 'paper.paper',
-    'odometry': 'odometry.drift', 'silent': 'odometry.silent', 'sparse': 'odometry.sparse', 'narrow': 'odometry.narrow',
+    'odometry': 'odometry.drift', 'silent': 'odometry.silent', 'sparse': 'odometry.sparse',
     **dict.fromkeys(('passers', 'companions', 'doors', 'pillar', 'stops', 'curved'), 'odometry.moving'),
-    'spinup': 'odometry.spinup', 'sensors': 'sensors',
-    'covered': 'odometry.covered', 'spin': 'odometry.spin',
+    **dict.fromkeys(('narrow', 'covered', 'spinup'), 'odometry.hard'), 'spin': 'odometry.spin', 'sensors': 'sensors',
     'ablation': 'odometry.ablation', 'node': 'node.running_node', 'soak': 'node.soak',
     'lidars': 'lidars.wrong', 'heights': 'lidars.heights', 'page': 'page.page', 'watch': 'node.watched',
     'fingerprint': 'fingerprint.fingerprint',
@@ -69,7 +68,8 @@ COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 
            'trees', 'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'scanner_front',
            'scanner_rear', 'scanners', 'scanners_merged', 'dropped', 'noise', 'person',
            'covered', 'spin', 'sparse', 'narrow', 'passers', 'spinup', 'curved', 'stops', 'pillar', 'doors',
-           'companions', 'ahead')
+           'companions', 'ahead', 'abreast', 'queue', 'hedge', 'pillars', 'carried', 'vacuum', 'lost_ticks', 'slip',
+           'sparse_crowd', 'corridor_1m')
 
 
 def main(argv=None) -> int:
@@ -106,6 +106,10 @@ def make_parser():
             command.add_argument('--copies', type=positive, metavar='N',
                                  help='mean and two standard errors (+-) over N copies '
                                  'of each course with 2 mm of noise on the ranges, without bounds')
+            command.add_argument('--honesty', action='store_true',
+                                 help='instead: errors of dbscan beside the published covariances')
+            command.add_argument('--seeds', type=positive, metavar='N',
+                                 help='the first N seeds, of courses that take seeds')
             add_processes(command)
         elif name in SEEDED:
             command.add_argument('--seeds', type=positive, default=10, metavar='N',

@@ -16,7 +16,7 @@ from dbscan_reg_ros.evaluation.trackers import Ours
 from dbscan_reg_ros.recordings import data_folder
 
 from ..report import Report
-from .copies import noised, scatter
+from .course import noised, scatter
 from .courses import COURSES
 from .drift import follow, judge, mean_of
 

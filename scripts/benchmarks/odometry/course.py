@@ -8,6 +8,11 @@ import numpy as np
 
 from dbscan_reg_ros.recordings import interpolate
 from dbscan_reg_ros.simulation import Lidar, follow, simulate, wheel_odometry
+from dbscan_reg_ros.simulation.dead_reckoning import WheelErrors
+from dbscan_reg_ros.simulation.raycasting import cast
+
+NOISE = 0.002
+"""Standard deviation that a copy adds to each range [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +35,10 @@ class Course:
         Unobservable direction [rad] in the frame of `reference`.
     others : tuple of (Sensor, list of Scan)
         Further lidars, on sensors in the frame of that of `scans`, with their scans in order; used besides.
+    group : str
+        What it differs by from others of its name besides the seed, for example the lidar.
+    truth_sigma : (float, float)
+        Standard deviation of `reference`, along each axis and in heading [m], [rad].
     """
 
     scans: list
@@ -40,6 +49,8 @@ class Course:
     wheels: np.ndarray | None = None
     axis: float | None = None
     others: tuple = ()
+    group: str = ''
+    truth_sigma: tuple = (0.0, 0.0)
 
     def __post_init__(self):
         if self.judged is None:
@@ -67,9 +78,46 @@ class Course:
             reference=rows(self.reference), wheels=rows(self.wheels))
 
 
-def simulated(world, lidar=Lidar(), seed=0, axis=None, seconds=math.inf, **motion) -> Course:
-    """Return the tour of a world, or so many seconds of it, with the `motion` of `follow`."""
+def behind(scan, circles, rng):
+    """Return what a scan sees behind `circles` (C, 3) [m] in the frame of the sensor, with a noise of 1 cm on these."""
+    nearer = cast(np.zeros((1, 2)), scan.geometry.directions, np.empty((0, 2, 2)), circles)
+    nearer += rng.normal(0.0, 0.01, len(nearer))
+    return dataclasses.replace(scan, ranges=np.where(scan.valid, np.minimum(scan.ranges, nearer), nearer))
+
+
+def simulated(world, lidar=Lidar(), seed=0, axis=None, seconds=math.inf, slips=(), **motion) -> Course:
+    """Return the tour of a world, or so many seconds of it, with the `motion` of `follow`; `slips` as `WheelErrors`."""
     result = simulate(world, follow(world.tour, **motion).until(seconds), lidar, seed)
-    wheels = interpolate(*wheel_odometry(result.path, seed=seed), result.stamps)
+    wheels = interpolate(*wheel_odometry(result.path, WheelErrors(slips=slips), seed=seed), result.stamps)
     course = Course(result.scans, reference=result.truth, wheels=wheels, axis=axis)
     return course.take(np.isfinite(wheels).all(axis=1))
+
+
+def driven(world, path, lidar, seed, group='', carried=None) -> Course:
+    """Return a drive along a path; `carried(time)` are circles (C, 3) that move along, in the frame of the sensor."""
+    result, rng = simulate(world, path, lidar, seed), np.random.default_rng((seed, 1))
+    scans = result.scans
+    if carried:
+        scans = [behind(scan, carried(1e-9 * (scan.stamp - scans[0].stamp)), rng) for scan in scans]
+    return Course(scans, reference=result.truth, group=group)
+
+
+def noised(course, seed):
+    """Return the course with noise on every range that is a return, the same for the same seed."""
+    rng = np.random.default_rng(seed)
+    scans = []
+    for scan in course.scans:
+        noise = rng.normal(0.0, NOISE, scan.geometry.size)
+        ranges = np.where(scan.valid, np.clip(scan.ranges + noise, scan.geometry.range_min, scan.geometry.range_max),
+                          scan.ranges)
+        scans.append(dataclasses.replace(scan, ranges=ranges))
+    return dataclasses.replace(course, scans=scans)
+
+
+def scatter(rows):
+    """Means, and two standard errors of them, of the metrics that all `rows` have."""
+    shared = [name for name in rows[0] if all(name in row for row in rows)]
+    values = {name: np.array([row[name] for row in rows], dtype=float) for name in shared}
+    spread = {name: 2.0 * float(each.std(ddof=1)) / len(rows)**0.5 if len(rows) > 1 else float('nan')
+              for name, each in values.items()}
+    return {name: float(each.mean()) for name, each in values.items()}, spread

@@ -14,16 +14,13 @@ from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.recordings import interpolate, open_recording
 from dbscan_reg_ros.recordings.poses import compose
 from dbscan_reg_ros.simulation import LIDARS, Lidar, Path, Person, World, corridor, follow, hall, rooms, simulate
-from dbscan_reg_ros.simulation.raycasting import cast
-from dbscan_reg_ros.simulation.worlds import box, clearance, furnished, sides
 
 from ..intel import Intel
-from . import hard_courses, moving_courses
-from .course import Course, simulated
+from . import hard_courses, misleading_courses, moving_courses
+from .course import Course, behind, simulated
+from .places import crooked, hall_of_chairs, wood
 
 SEEDS = (0, 1, 2)
-CHAIRS_CLEAR, TRUNKS_CLEAR = 0.4, 0.8
-"""Distance [m] from the path that chairs and trunks keep."""
 BURST, BURST_PERIOD = 2.0, 3.0
 OUTAGE_AFTER, OUTAGE_PERIOD = 11.0, 15.0
 """Scans of the first seconds of each period remain."""
@@ -39,7 +36,8 @@ def intel(folder) -> list:
     """Return the Intel log."""
     log = Intel(folder / 'intel')
     _, wheels = log.recording.wheel_odometry()
-    return [Course(log.scans, reference=log.reference, relations=log.relations, wheels=wheels)]
+    return [Course(log.scans, reference=log.reference, relations=log.relations, wheels=wheels,
+                   truth_sigma=(0.014, math.radians(0.17)))]
 
 
 def dropped(folder, share=0.2, seed=0) -> list:
@@ -72,10 +70,7 @@ def strolled(scans, seed, radius=0.25) -> list:
     bearing, hidden = 0.0, []
     for scan in scans:
         bearing = float(np.clip(bearing + rng.normal(0.0, 0.15), -1.0, 1.0))
-        body = np.array([(math.cos(bearing), math.sin(bearing), radius)])
-        legs = cast(np.zeros((1, 2)), scan.geometry.directions, np.empty((0, 2, 2)), body)
-        legs += rng.normal(0.0, 0.01, len(legs))
-        hidden.append(dataclasses.replace(scan, ranges=np.where(scan.valid, np.minimum(scan.ranges, legs), legs)))
+        hidden.append(behind(scan, np.array([(math.cos(bearing), math.sin(bearing), radius)]), rng))
     return hidden
 
 
@@ -83,7 +78,7 @@ def aces(folder) -> list:
     """Return the ACES log: key frames half a metre and more apart; truth are its corrected poses, good to 5 cm."""
     recording = open_recording(folder / 'aces' / 'aces.log.gz')
     return [Course(list(recording.scans()), reference=recording.truth()[1],
-                   wheels=recording.wheel_odometry()[1])]
+                   wheels=recording.wheel_odometry()[1], truth_sigma=(0.05, 0.0))]
 
 
 def urg04lx(folder) -> list:
@@ -144,32 +139,9 @@ def chairs(folder) -> list:
     return [simulated(hall_of_chairs(seed), lidar, seed=seed) for seed in SEEDS]
 
 
-def hall_of_chairs(seed, chairs=50) -> World:
-    """12 m long and 9 m wide, with so many chairs that keep 0.4 m clear of its middle."""
-    rng = np.random.default_rng(seed)
-    low, high = (1.5, 1.0), (10.5, 8.0)
-    seats, turn = rng.uniform(low, high, (chairs, 2)), rng.uniform(0.0, 2.0 * math.pi, chairs)
-    feet = 0.28 * np.exp(1j * (turn[:, None] + math.pi * np.array((0.25, 0.75, 1.25, 1.75))))
-    legs = as_vectors((seats @ (1.0, 1j))[:, None] + feet).reshape(-1, 2)
-    legs = legs[np.abs(legs[:, 1] - 4.5) > CHAIRS_CLEAR]
-    corners = np.array([(0.0, 0.0), (12.0, 0.0), (12.0, 9.0), (0.0, 9.0)])
-    return World(sides(corners), np.array([(1.0, 4.5), (11.0, 4.5)]), np.column_stack((legs, np.full(len(legs), 0.02))))
-
-
 def trees(folder) -> list:
     """Return a wood of trunks 0.12 to 0.7 m thick; a lidar of 180 beams has one or two beams on each of a few."""
     return [simulated(wood(seed), seed=seed) for seed in SEEDS]
-
-
-def wood(seed, trunks=120) -> World:
-    """40 m long and wide, with so many trunks that keep 0.8 m clear of the tour."""
-    rng = np.random.default_rng(seed)
-    tour = np.array([(5.0, 5.0), (35.0, 5.0), (35.0, 20.0), (5.0, 20.0), (5.0, 35.0), (35.0, 35.0)])
-    circles = np.column_stack((rng.uniform(0.0, 40.0, (trunks, 2)), rng.uniform(0.06, 0.35, trunks)))
-    way = np.concatenate([np.linspace(a, b, 200) for a, b in itertools.pairwise(tour)])
-    none = np.empty((0, 2, 2))
-    clear = [clearance(way, none, circle[None]).min() > TRUNKS_CLEAR for circle in circles]
-    return World(none, tour, circles[clear])
 
 
 def lidars(folder) -> list:
@@ -189,17 +161,6 @@ def far_noise(folder, share=0.03) -> list:
     """Return halls and crooked rooms, by a lidar whose ranges are off by 3 %, as those of the cheapest ones."""
     lidar = dataclasses.replace(LIDARS['rplidar_a'], noise_ratio=share)
     return [simulated(world(seed), lidar, seed=seed) for world in (hall, crooked) for seed in SEEDS]
-
-
-def crooked(seed, walls=9, boxes=14) -> World:
-    """Return a room without right angles, walls 6 to 12 m away, and boxes at any angle clear of the tour."""
-    rng = np.random.default_rng(seed)
-    bearings = np.linspace(0.0, 2.0 * math.pi, walls, endpoint=False) + rng.uniform(-0.2, 0.2, walls)
-    around = np.column_stack((np.cos(bearings), np.sin(bearings)))
-    corners, tour = around * rng.uniform(6.0, 12.0, (walls, 1)), 3.5 * np.vstack((around, around[:1]))
-    things = [box(*rng.uniform(-9.0, 9.0, 2), rng.uniform(0.3, 1.2), rng.uniform(0.2, 0.8), rng.uniform(0.0, 3.0))
-              for _ in range(boxes)]
-    return furnished([sides(corners)], things, [], tour)
 
 
 def losses(folder, share=0.5) -> list:
@@ -294,6 +255,6 @@ COURSES = {
     'bursts': bursts,
     'outages': outages, 'scanner_front': scanner_front, 'scanner_rear': scanner_rear, 'scanners': scanners,
     'scanners_merged': scanners_merged, 'dropped': dropped, 'noise': noise, 'person': person, **hard_courses.COURSES,
-    **moving_courses.COURSES,
+    **moving_courses.COURSES, **misleading_courses.COURSES,
 }
 """Name -> ``courses(folder)``: one course, or one for each seed."""

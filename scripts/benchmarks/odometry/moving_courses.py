@@ -9,12 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dbscan_reg_ros.core.geometry.se2 import as_vectors
-from dbscan_reg_ros.simulation import LIDARS, Path, Person, World, corridor, follow, simulate
+from dbscan_reg_ros.simulation import LIDARS, Path, Person, World, corridor, follow
 from dbscan_reg_ros.simulation.worlds import sides, wall
 
-from .course import Course
+from .course import driven
 
 SEEDS = (0, 1, 2, 3, 4)
+BOTH = 'rplidar_a', 'lds'
 RADIUS, ARC, HALF_WIDTH = 8.0, math.radians(200.0), 1.1
 """Radius [m], angle [rad] and half of the width [m] of the curved corridor."""
 SPEED = 0.8
@@ -34,7 +35,7 @@ def curved(folder=None, seeds=SEEDS) -> list:
     angle = np.linspace(0.0, 0.8 * ARC, 400)
     poses = np.column_stack((RADIUS * np.cos(angle), RADIUS * np.sin(angle), angle + 0.5 * math.pi))
     lidar = dataclasses.replace(LIDARS['rplidar_a'], range_max=6.0)
-    return [_driven(World(segments, poses[:, :2]), Path(angle * RADIUS / SPEED, poses), lidar, seed) for seed in seeds]
+    return [driven(World(segments, poses[:, :2]), Path(angle * RADIUS / SPEED, poses), lidar, seed) for seed in seeds]
 
 
 def stops(folder=None, seeds=SEEDS) -> list:
@@ -43,7 +44,7 @@ def stops(folder=None, seeds=SEEDS) -> list:
     for seed in seeds:
         world = corridor(length=20.0, doors=4, seed=seed)
         way = np.array([(1.5, 0.0), (9.0, 0.0), (18.0, 0.0)])
-        courses += [_driven(world, follow(way, 1.5, brake, pauses={0: 0.5, 1: 2.0}), LIDARS['rplidar_a'], seed)
+        courses += [driven(world, follow(way, 1.5, brake, pauses={0: 0.5, 1: 2.0}), LIDARS['rplidar_a'], seed)
                     for brake in BRAKES]
     return courses
 
@@ -56,7 +57,7 @@ def pillar(folder=None, seeds=SEEDS) -> list:
         circle = np.array([(rng.uniform(4.0, 6.0), rng.uniform(0.8, 2.5), rng.uniform(0.1, 0.25))])
         world = World(wall((-20.0, -1.5), (30.0, -1.5)), np.array([(2.0, 0.0), (8.0, 0.0)]), circle)
         lidar = dataclasses.replace(LIDARS['rplidar_a'], range_max=6.0)
-        courses.append(_driven(world, follow(world.tour, SPEED, pauses={0: 1.0}), lidar, seed))
+        courses.append(driven(world, follow(world.tour, SPEED, pauses={0: 1.0}), lidar, seed))
     return courses
 
 
@@ -89,7 +90,7 @@ def doors(folder=None, seeds=SEEDS) -> list:
                        for distance in np.arange(0.03, LEAF, 0.06)]
         walls += [sides(np.array([(x, -1.2), (x + 0.1, -1.2), (x + 0.1, 1.2), (x, 1.2)])) for x in (-0.1, 22.0)]
         world = World(np.concatenate(walls), np.array([(1.0, 0.0), (20.0, 0.0)]), people=tuple(leaves))
-        courses.append(_driven(world, follow(world.tour, SPEED), LIDARS['rplidar_a'], seed))
+        courses.append(driven(world, follow(world.tour, SPEED), LIDARS['rplidar_a'], seed))
     return courses
 
 
@@ -106,37 +107,21 @@ def companions(folder=None, seeds=SEEDS) -> list:
             people = tuple(Person(route + each, SPEED + rng.uniform(-0.07, 0.07), 0.2) for each in away)
             times = np.linspace(0.0, 18.0, 400)
             path = Path(times, np.column_stack((4.0 + SPEED * times, np.zeros((len(times), 2)))))
-            courses.append(_driven(dataclasses.replace(world, people=people), path, LIDARS['rplidar_a'], seed))
+            courses.append(driven(dataclasses.replace(world, people=people), path, LIDARS['rplidar_a'], seed))
     return courses
 
 
-@dataclass(frozen=True, eq=False)
-class Attached:
-    """A piece of an object that moves along with a robot: a circle at `offset` (2,) [m] from its `path`."""
-
-    path: Path
-    offset: np.ndarray
-
-    def circle_at(self, time):
-        """(3,) centre and radius [m] at `time` [s]."""
-        return np.array((*(self.path.poses_at(np.array([time]))[0, :2] + self.offset), 0.03))
-
-
-def ahead(folder=None, seeds=SEEDS[:3], widths=(0.5, 0.8), distances=(1.0, 2.0)) -> list:
+def ahead(folder=None, seeds=SEEDS[:1], widths=(0.5, 0.8, 1.2), distances=(1.0, 2.0, 3.0)) -> list:
     """Return a corridor with doors and a vehicle ahead of the robot, or one ahead and one behind, at its speed."""
     courses = []
-    for seed, width, distance, places in itertools.product(seeds, widths, distances, ((1.0,), (1.0, -1.0))):
+    for lidar, width, seed, distance, places in itertools.product(BOTH, widths, seeds, distances,
+                                                                  ((1.0,), (1.0, -1.0))):
         path = follow(np.array([(4.0, 0.0), (25.9, 0.0)]), 1.0)
-        pieces = tuple(Attached(path, np.array((side * distance, y))) for side in places
-                       for y in np.arange(0.03 - 0.5 * width, 0.5 * width, 0.06))
-        world = dataclasses.replace(corridor(seed=seed), people=pieces)
-        courses.append(_driven(world, path, LIDARS['rplidar_a'], seed))
+        pieces = np.array([(side * distance, y, 0.03) for side in places
+                           for y in np.arange(0.03 - 0.5 * width, 0.5 * width, 0.06)])
+        courses.append(driven(corridor(seed=seed), path, LIDARS[lidar], seed, f'{lidar}_{width}m',
+                              lambda time, pieces=pieces: pieces))
     return courses
-
-
-def _driven(world, path, lidar, seed):
-    result = simulate(world, path, lidar, seed)
-    return Course(result.scans, reference=result.truth)
 
 
 COURSES: dict[str, Callable] = {

@@ -15,6 +15,7 @@ from ..bounds import at_most
 from ..report import Report
 from .courses import COURSES
 from .drift import OURS, drive
+from .honesty import total
 
 JUDGED = ('intel', 'aces', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'lidars', 'losses', 'bursts',
           'outages',
@@ -53,11 +54,3 @@ def silent(drive):
         lines += [f'{name} from scan {a} to {b}: {m:.3f} m {d:.2f} deg'
                   for a, b, m, d in zip(first[wrong], last[wrong], metres[wrong], degrees[wrong], strict=True)]
     return figures, lines
-
-
-def total(rows) -> dict:
-    """Return the figures of several drives as one: counts added up, the greatest errors, the mean fraction of OK."""
-    def one(name):
-        values = [row[name] for row in rows]
-        return sum(values) if name.endswith('_count') else max(values) if 'worst' in name else float(np.mean(values))
-    return {name: one(name) for name in rows[0]}

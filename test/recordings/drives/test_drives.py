@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks.odometry.courses import hall_of_chairs, simulated, wood
+from benchmarks.odometry.course import simulated
+from benchmarks.odometry.places import hall_of_chairs, wood
 
 from dbscan_reg_ros import SE2, Parameters, ScanError, Status
 from dbscan_reg_ros.core.odometry.pipeline import Odometry

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks.odometry.courses import simulated, wood
+from benchmarks.odometry.course import simulated
+from benchmarks.odometry.places import wood
 
 from dbscan_reg_ros import Parameters, Status
 from dbscan_reg_ros.core.features.extraction import extract_features
