@@ -96,8 +96,8 @@ class Counters:
         """
         self.processed += 1
         self.statuses[update.status] += 1
-        reason = update.registration.reason if update.registration and update.status is Status.FAILED else ''
-        self.too_fast += any(limit.value in reason for limit in LIMITS)
+        if update.registration and update.status is Status.FAILED:
+            self.too_fast += any(limit.value in update.registration.reason for limit in LIMITS)
         self.durations.append(duration)
         self.update = update
         if update.finding:

@@ -146,6 +146,19 @@ def segments_fields(update: OdometryUpdate, origin: SE2, odom_frame) -> dict:
     return {'markers': markers}
 
 
+def odometry_numbers(state) -> np.ndarray:
+    """Return the numbers ``(85,)`` of the Odometry message of a `BaseState` in the order of its fields."""
+    pose, (vx, vy, omega) = state.pose, state.twist
+    return np.concatenate((transform_numbers(pose), _spatial(state.covariance), (vx, vy, 0.0, 0.0, 0.0, omega),
+                           _spatial(state.twist_covariance)))
+
+
+def transform_numbers(pose) -> np.ndarray:
+    """Return the numbers ``(7,)`` of a Pose or Transform message of a planar pose: x, y, z and a quaternion."""
+    rotation = _yaw(pose.theta)
+    return np.array((pose.x, pose.y, 0.0, 0.0, 0.0, rotation['z'], rotation['w']))
+
+
 def _lines(header, name, kind, lines):
     return {'header': header, 'ns': name, 'id': int(kind == 'matched'), 'type': LINE_LIST,
             'action': ADD if len(lines) else DELETE, 'color': COLORS[name, kind], 'scale': {'x': LINE_WIDTH},

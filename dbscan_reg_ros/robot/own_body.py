@@ -18,7 +18,7 @@ DISTANCE, ROTATION = 0.2, 0.2
 """A scan is compared when the lidar has moved by one of these since the last compared scan [m, rad]. Of a rotation
 during which scans are missing, at most twice this is counted."""
 COMPARED = 40
-"""Number of the latest compared scans: they cover about 8 m or less."""
+"""Number of the latest compared scans, even: they cover about 8 m or less."""
 LEAST_DISTANCE, LEAST_ROTATION = 2.0, 2.0
 """Shortest distance [m] and smallest rotation [rad] that they cover: a wall along the path has the same range until the
 robot turns, and a circular room until it drives."""
@@ -98,7 +98,8 @@ class OwnBody:
         if sum(distances) < LEAST_DISTANCE or sum(rotations) < LEAST_ROTATION:
             return
         table = np.array(ranges)
-        middle = np.median(table, axis=0)
+        table.sort(axis=0)
+        middle = 0.5 * (table[COMPARED // 2 - 1] + table[COMPARED // 2])
         with np.errstate(invalid='ignore'):
             same = np.abs(table - middle) <= TOLERANCE[0] + TOLERANCE[1] * middle
         seen = (middle <= FARTHEST) & (same.mean(axis=0) >= SAME)

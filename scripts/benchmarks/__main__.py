@@ -181,6 +181,12 @@ def add_speed(command):
                          help='instead: functions, calls and objects of a tracked scan in the odometry')
 
 
+def add_node(command):
+    """Add the options of ``bench node``."""
+    command.add_argument('--against', metavar='COMMIT',
+                         help='the node of this source tree and that of COMMIT in turns, with one lidar')
+
+
 def add_fingerprint(command):
     """Add the options of ``bench fingerprint``."""
     command.add_argument('--against', metavar='COMMIT', required=True,
@@ -197,7 +203,7 @@ def add_fingerprint(command):
                          'in this folder (default: results/fingerprint)')
 
 
-ADDED = {'speed': add_speed, 'overlap': add_overlap, 'sensors': add_sensors, 'ablation': add_ablation,
+ADDED = {'node': add_node, 'speed': add_speed, 'overlap': add_overlap, 'sensors': add_sensors, 'ablation': add_ablation,
          'fingerprint': add_fingerprint,
          'heights': add_processes, 'lidars': add_lidars}
 """Benchmark -> what adds its options."""

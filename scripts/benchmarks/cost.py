@@ -57,9 +57,7 @@ print(json.dumps(rows))
 def add_times(report, commit, folder):
     """Add a table of the processor time of a scan in this tree and in that of another `commit`, drive by drive."""
     name = resolved(commit)
-    cache = root() / 'results' / 'fingerprint' / 'trees'
-    cache.mkdir(parents=True, exist_ok=True)
-    trees = built(name, cache), root()
+    trees = built(name), root()
     with tempfile.TemporaryDirectory() as scratch:
         rows = {}
         for drive, file in _drives(folder, Path(scratch)).items():

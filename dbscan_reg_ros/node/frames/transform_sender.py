@@ -11,15 +11,19 @@ from rclpy.publisher import Publisher
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ...core.scan import SECOND, in_nanoseconds
-from ...recordings.message_fields import transform_fields
+from ...recordings.message_fields import transform_numbers
 from ...robot.base_state import BaseState
 from ...robot.parameters import NodeParameters
 from ..interfaces.endpoints import publisher
 from ..interfaces.graph_checks import UNNAMED, full_name, may_send_odometry, named, publishers
-from ..interfaces.messages import filled
+from ..interfaces.messages import PreparedMessage
 from .right_of_way import RightOfWay
 
 DEPTH = 100
+NUMBERS = 7
+"""Of a translation and a quaternion."""
+COUNT = 4
+"""Bytes of a TFMessage before its first transform."""
 REMEMBERED = 500
 """Number of our latest transforms that are recognised as ours when they are received on /tf."""
 
@@ -80,12 +84,14 @@ class TransformSender:
 
     def __init__(self, node: Node, parameters: NodeParameters) -> None:
         self._node = node
-        self._frames = parameters.odom_frame, parameters.base_frame
         self._invert = parameters.invert_tf
-        self._parent, self._child = reversed(self._frames) if self._invert else self._frames
+        self._parent, self._child = parameters.odom_frame, parameters.base_frame
+        if self._invert:
+            self._parent, self._child = self._child, self._parent
         self._type = transform_type()
-        self._transform = TransformStamped()
-        self._message = self._type and self._type(transforms=[self._transform])
+        transform = TransformStamped(child_frame_id=self._child)
+        transform.header.frame_id = self._parent
+        self._message = self._type and PreparedMessage(self._type(transforms=[transform]), NUMBERS, COUNT)
         self._publisher: Publisher | None = None
         self._own_gid: bytes | None = None
         self._right = RightOfWay()
@@ -165,11 +171,12 @@ class TransformSender:
         if self._last_stamp is not None and (not state.stamp or 0 <= self._last_stamp - state.stamp <= self._max_jump):
             return
         self._last_stamp = state.stamp
-        transform = filled(self._transform, transform_fields(state, *self._frames, self._invert))
-        self._sent[_signature(transform)] = None
+        numbers = transform_numbers(state.pose.inverse() if self._invert else state.pose)
+        signature = (self._parent, state.stamp, *numbers.tolist())
+        self._sent[signature] = None
         if len(self._sent) > REMEMBERED:
             del self._sent[next(iter(self._sent))]
-        self._publisher.publish(self._message)
+        self._message.publish(self._publisher, state.stamp, numbers)
 
     def _candidates_before(self) -> int | None:
         """Count other possible senders of our transform with a lower gid than ours; None without other senders."""
@@ -250,4 +257,4 @@ class TransformSender:
 def _signature(transform: TransformStamped) -> tuple[Any, ...]:
     """Values that distinguish our transform from that of another node between the same frames."""
     t, q = transform.transform.translation, transform.transform.rotation
-    return transform.header.frame_id, in_nanoseconds(transform.header.stamp), t.x, t.y, q.z, q.w
+    return transform.header.frame_id, in_nanoseconds(transform.header.stamp), t.x, t.y, t.z, q.x, q.y, q.z, q.w

@@ -17,14 +17,16 @@ from visualization_msgs.msg import MarkerArray
 from ...core.features.records import Features
 from ...core.geometry.se2 import SE2
 from ...core.odometry.records import OdometryUpdate
-from ...recordings.message_fields import odometry_fields
+from ...recordings.message_fields import odometry_numbers
 from ...robot import occupancy
 from ...robot.base_state import BaseState
 from ...robot.parameters import NodeParameters
 from .endpoints import publisher
-from .messages import filled, pose_to_message, segments_to_message, stamp_to_message
+from .messages import PreparedMessage, pose_to_message, segments_to_message, stamp_to_message
 
 ODOM_DEPTH = 50
+ODOM_NUMBERS = 85
+"""Of a pose, a twist and their covariances."""
 PICTURE_DEPTH = 5
 PICTURE_PERIOD = 0.5
 """Interval [s] at which path and local_map are published."""
@@ -74,8 +76,9 @@ class Outputs:
             for kind, topic, depth in ((Odometry, 'odom', ODOM_DEPTH), (MarkerArray, 'segments', PICTURE_DEPTH),
                                        (Path, 'path', PICTURE_DEPTH), (PointCloud2, 'local_map', PICTURE_DEPTH)))
         self._grid = publisher(node, OccupancyGrid, 'local_grid', LATCHED) if parameters.publish_grid else None
-        # Reused for each scan: making a message takes longer than filling it.
-        self._odometry = Odometry()
+        odometry = Odometry(child_frame_id=parameters.base_frame)
+        odometry.header.frame_id = parameters.odom_frame
+        self._odometry = PreparedMessage(odometry, ODOM_NUMBERS)
         self.reset()
 
     def reset(self) -> None:
@@ -98,10 +101,9 @@ class Outputs:
         origin : SE2
             Pose, in `odom_frame`, of the frame in which `update` expresses poses.
         """
-        frame = self.parameters.odom_frame
-        self.odom.publish(filled(self._odometry, odometry_fields(state, frame, self.parameters.base_frame)))
+        self._odometry.publish(self.odom, state.stamp, odometry_numbers(state))
         if self._segments.get_subscription_count():
-            self._segments.publish(segments_to_message(update, origin, frame))
+            self._segments.publish(segments_to_message(update, origin, self.parameters.odom_frame))
         self._extend_path(state)
         self.keep(update)
         self._latest, self._has_new_pose = (state, origin), True

@@ -41,10 +41,9 @@ def measure(args) -> Report:
     """Compare this source tree with the commit that ``--against`` names."""
     groups = chosen_groups(args.only)
     folder = data_folder(args.data)
-    cache = args.cache or root() / 'results' / 'fingerprint'
+    cache = args.cache or default_cache()
     commit = resolved(args.against)
     report = Report()
-    (cache / 'trees').mkdir(parents=True, exist_ok=True)
     other = built(commit, cache / 'trees')
     with tempfile.TemporaryDirectory() as scratch:
         given = made_inputs(groups, folder, (args.limit, args.quick), cache / 'inputs')
@@ -88,10 +87,17 @@ def resolved(commit) -> str:
     return _git('rev-parse', '--verify', '--quiet', f'{commit}^{{commit}}').decode().strip()
 
 
-def built(commit, cache) -> Path:
+def default_cache() -> Path:
+    """Return the folder in which scans, results and other commits are kept."""
+    return root() / 'results' / 'fingerprint'
+
+
+def built(commit, cache=None) -> Path:
     """Return a folder with the files of a commit and its compiled steps, which are built once."""
+    cache = cache or default_cache() / 'trees'
     folder = cache / commit[:12]
     if not folder.exists():
+        cache.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=cache) as scratch, \
                 tarfile.open(fileobj=io.BytesIO(_git('archive', '--format=tar', commit))) as archive:
             # The archive is that of git itself; older Pythons know no filter.

@@ -114,13 +114,13 @@ def _played(first, second=(), odom_on='first'):
     others = [Played(serialize_message(scan_to_message(scan)), scan.stamp, channel) for scan in second]
     items = list(heapq.merge([Played(scan, scan.stamp) for scan in first], others, key=attrgetter('time')))
     words = _node_words(['front', 'rear'] if second else ['front'], odom_on)
-    answers, core, _ = play(items, 2.0 * RATE, words, 'front/scan', [channel] if second else [], WARM_UP)
+    answers, usage = play(items, 2.0 * RATE, words, 'front/scan', [channel] if second else [], WARM_UP)
     begin = first[0].stamp + round(WARM_UP * 1e9)
     missing = {scan.stamp for scan in second}.difference(answers.unexpected_stamps)
     used = 1.0 - len(missing) / max(1, len(second))
     lost = answers.lost + (sum(stamp >= begin for stamp in missing) if odom_on == 'all' else 0)
     delays = np.array(answers.delays)[np.array(answers.stamps) >= begin]
-    return _Played(lost, used, delays[np.isfinite(delays)], core)
+    return _Played(lost, used, delays[np.isfinite(delays)], usage['core'])
 
 
 def _node_words(names, odom_on):

@@ -2,6 +2,7 @@
 """Messages of the node: what goes in comes out, and covariances follow the mounting."""
 import array
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,9 +14,16 @@ from sensor_msgs.msg import LaserScan
 from dbscan_reg_ros import SE2, OdometryUpdate, Scan, ScanError, ScanGeometry, Status
 from dbscan_reg_ros.core.geometry.mounting import Mounting, MountingError
 from dbscan_reg_ros.core.scan import in_nanoseconds
-from dbscan_reg_ros.node.interfaces.messages import filled, matrix_from_message, scan_to_message
+from dbscan_reg_ros.node.frames import transform_sender
+from dbscan_reg_ros.node.interfaces.messages import PreparedMessage, filled, matrix_from_message, scan_to_message
+from dbscan_reg_ros.node.interfaces.outputs import ODOM_NUMBERS
 from dbscan_reg_ros.recordings.checks.scan_checks import ScanChecks, ScanFields
-from dbscan_reg_ros.recordings.message_fields import odometry_fields, transform_fields
+from dbscan_reg_ros.recordings.message_fields import (
+    odometry_fields,
+    odometry_numbers,
+    transform_fields,
+    transform_numbers,
+)
 from dbscan_reg_ros.robot.base_state import BaseState, base_state
 from dbscan_reg_ros.simulation import demo
 
@@ -72,6 +80,31 @@ def test_odometry_and_transform_hold_the_state():
     assert 2.0 * math.atan2(transform.transform.rotation.z, transform.transform.rotation.w) == pytest.approx(0.5)
     twist = odometry.twist.twist
     assert (twist.linear.x, twist.linear.y, twist.angular.z) == (0.3, -0.1, 0.2)
+
+
+def published(prepared, base, numbers):
+    """Return the serialised message that a prepared one publishes."""
+    sent = []
+    prepared.publish(SimpleNamespace(publish=sent.append), base.stamp, numbers)
+    return sent[0]
+
+
+def test_a_prepared_odometry_has_the_fields_of_the_state():
+    base = state(covariance=np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.25], [0.5, 0.25, 2.0]]))
+    prepared = PreparedMessage(filled(Odometry(), {'header': {'frame_id': 'odom'}, 'child_frame_id': 'base'}),
+                               ODOM_NUMBERS)
+    wire = published(prepared, base, odometry_numbers(base))
+    assert rclpy.serialization.deserialize_message(wire, Odometry) == odometry_message(base)
+
+
+def test_a_prepared_transform_has_the_fields_of_the_state():
+    tf2_msgs = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs')
+    given, base = {'header': {'frame_id': 'odom'}, 'child_frame_id': 'base'}, state()
+    prepared = PreparedMessage(tf2_msgs.TFMessage(transforms=[filled(TransformStamped(), given)]),
+                               transform_sender.NUMBERS, transform_sender.COUNT)
+    expected = tf2_msgs.TFMessage(transforms=[filled(TransformStamped(), transform_fields(base, 'odom', 'base'))])
+    wire = published(prepared, base, transform_numbers(base.pose))
+    assert rclpy.serialization.deserialize_message(wire, tf2_msgs.TFMessage) == expected
 
 
 def test_covariances_are_never_zero_and_large_where_nothing_is_known():
