@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from compiled_inputs import oriented_points, segments
+from l_room import linear_residuals, normal_equations, table, weight
 from rooms import FULL, L_ROOM, look, outline
 from sklearn.cluster import DBSCAN
 
@@ -16,9 +17,10 @@ from dbscan_reg_ros.core.registration.clustering.rotation import estimate_rotati
 from dbscan_reg_ros.core.registration.clustering.translation import estimate_translations, near_motions
 from dbscan_reg_ros.core.registration.confidence.evidence import evidence_terms, log_odds
 from dbscan_reg_ros.core.registration.confidence.model import COEFFICIENTS, INTERCEPT
-from dbscan_reg_ros.core.registration.point_to_line import fit, refine
+from dbscan_reg_ros.core.registration.fit import fit
+from dbscan_reg_ros.core.registration.point_to_line import refine
 from dbscan_reg_ros.core.registration.records import Evidence
-from dbscan_reg_ros.core.registration.residuals import Alignment, Residuals, normal_equations
+from dbscan_reg_ros.core.registration.residuals import Alignment
 from dbscan_reg_ros.core.registration.scoring import find_rivals
 from dbscan_reg_ros.core.registration.search import Problem
 from dbscan_reg_ros.core.registration.uncertainty import match_covariance
@@ -37,14 +39,14 @@ def test_the_errors_are_the_distances_from_the_lines_of_the_nearest_points(rng, 
     """Nearest up to a cell, with indices of one, two and four bytes."""
     around, points = oriented_points(rng, map_size), oriented_points(rng, 180)
     field, pose = build_likelihood_field(around, P.density), SE2.from_array(rng.normal(0.0, 0.3, 3))
-    found = fit(pose.as_array()[None], points, field, 0.5)
+    found = fit(pose.as_array(), points, field, 0.5)
     places = np.exp(1j * pose.theta) * points.points + complex(pose.x, pose.y)
-    np.testing.assert_allclose(found.places[0], places, atol=1e-12)
+    np.testing.assert_allclose(found.places, places, atol=1e-12)
     apart = np.abs(places[:, None] - around.points)
     line = ((places[:, None] - around.points) * around.normals.conj()).real
     candidates = apart <= apart.min(axis=1, keepdims=True) + 2.0 * P.density.cell_size
     at = apart.min(axis=1) < P.density.cell_size
-    off = np.where(candidates, np.abs(np.abs(line) - np.abs(found.error[0])[:, None]), np.inf).min(axis=1)
+    off = np.where(candidates, np.abs(np.abs(line) - np.abs(found.residuals[0])[:, None]), np.inf).min(axis=1)
     assert off[at].max(initial=0.0) < 1e-9
 
 
@@ -53,19 +55,19 @@ def test_the_normal_equations_are_those_of_finite_differences(rng):
     pose, scale, step = rng.normal(0.0, 0.02, 3), 0.1, 1e-7
 
     def errors(at):
-        return fit(at[None], points, field, 0.5)
+        return fit(at, points, field, 0.5)
 
     now = errors(pose)
-    columns = np.array([(errors(pose + move).error[0] - now.error[0]) / step for move in step * np.eye(3)])
+    columns = np.array([(errors(pose + move).residuals[0] - now.residuals[0]) / step for move in step * np.eye(3)])
     # In another cell a point may have another line.
     same = (np.abs(columns) < 10.0).all(axis=0)
-    weight = points.weighted(now.weight(scale))[0] * same
-    design = np.vstack((columns, now.error[0])) * same
+    weights = points.weighted(weight(now, scale)) * same
+    design = np.vstack((columns, now.residuals[0])) * same
     _, equations = refine(pose[None], Alignment(points, field, 0.5, 0.0), [scale])
     assert same.mean() > 0.97
-    assert np.abs(equations[0] - (design * weight) @ design.T).max() < 0.05 * np.abs(equations[0]).max()
-    np.testing.assert_allclose(equations, normal_equations(now.rows(), points.weighted(now.weight(scale))), rtol=1e-9,
-                               atol=1e-9)
+    assert np.abs(equations[0] - (design * weights) @ design.T).max() < 0.05 * np.abs(equations[0]).max()
+    weights = points.weighted(weight(now, scale))
+    np.testing.assert_allclose(equations[0], normal_equations(linear_residuals(now), weights), rtol=1e-9, atol=1e-9)
 
 
 def mean_angle(angles, weights):
@@ -85,9 +87,9 @@ def test_hypotheses_are_the_weighted_means_of_the_clusters_of_scikit_learn(rng, 
     expected = DBSCAN(eps=0.02, min_samples=min_samples, metric='precomputed').fit_predict(apart)
     labels = found.labels.ravel()
     assert partition(labels) == partition(expected)
-    for cluster, (phi, weight) in enumerate(zip(found.phi, found.weight, strict=True)):
+    for cluster, (phi, total) in enumerate(zip(found.phi, found.weight, strict=True)):
         inside = labels == cluster
-        assert weight == pytest.approx(weights.ravel()[inside].sum())
+        assert total == pytest.approx(weights.ravel()[inside].sum())
         assert abs(wrap(phi - mean_angle(found.difference.ravel()[inside], weights.ravel()[inside]))) < 1e-9
     assert (np.diff(found.weight) <= 1e-9).all()
     check_translations(ours, theirs, found, weights, min_samples)
@@ -118,7 +120,7 @@ def partition(labels):
 def test_the_weakest_direction_is_that_of_the_least_eigenvalue(rng):
     """Of the translation for an unknown rotation: the Schur complement."""
     rows = np.ascontiguousarray(rng.normal(0.0, 1.0, (3, 200)) * rng.uniform(0.5, 2.0, (3, 1)))
-    _, held = match_covariance(Residuals(np.zeros(200), np.ones(200), rows, rows, 0.01), P.decision, 0.0)
+    _, held = match_covariance(table(rows, np.ones(200), rows), 0.01, P.decision, 0.0)
     information = rows @ rows.T
     open_rotation = information[:2, :2] - np.outer(information[:2, 2], information[2, :2]) / information[2, 2]
     values, vectors = np.linalg.eigh(open_rotation)

@@ -8,6 +8,7 @@ import numpy as np
 from libc.math cimport cos, sin
 
 from .plane cimport wrap as wrapped_angle
+from .symmetric cimport turn
 from .rounding import fixed
 
 RIGHT_ANGLE = 0.5 * math.pi
@@ -33,17 +34,12 @@ def turn_matrix(theta):
 
 def turned(const double[:, :] matrix, double theta):
     """Return R M R': a covariance or information ``(3, 3)`` over (x, y, theta) with axes rotated by `theta` [rad]."""
-    cdef double c = cos(theta), s = sin(theta)
-    cdef double[:, ::1] rows = np.empty((DOF, DOF)), result = np.empty((DOF, DOF))
-    cdef Py_ssize_t k
-    for k in range(3):
-        rows[0, k] = c * matrix[0, k] - s * matrix[1, k]
-        rows[1, k] = s * matrix[0, k] + c * matrix[1, k]
-        rows[2, k] = matrix[2, k]
-    for k in range(3):
-        result[k, 0] = c * rows[k, 0] - s * rows[k, 1]
-        result[k, 1] = s * rows[k, 0] + c * rows[k, 1]
-        result[k, 2] = rows[k, 2]
+    cdef double[:, ::1] result = np.empty((DOF, DOF))
+    cdef Py_ssize_t i, j
+    for i in range(3):
+        for j in range(3):
+            result[i, j] = matrix[i, j]
+    turn(&result[0, 0], theta)
     return np.asarray(result)
 
 

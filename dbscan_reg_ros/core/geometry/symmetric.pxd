@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
 """Symmetric matrices ``(3, 3)``."""
-from libc.math cimport M_PI, atan2
+from libc.math cimport M_PI, atan2, cos, sin
 
 from .plane cimport length_of
 
@@ -30,18 +30,41 @@ cdef inline double squared_distance(const double[:, :] covariance, double *error
     return error[0] * error[0] / f.a + y * y / f.b + t * t / f.c
 
 
-cdef inline int write_inverse(const double[:, :] matrix, double[:, ::1] result) except -1 nogil:
-    """Write the inverse of a symmetric matrix ``(3, 3)``."""
-    cdef Factors f = factors(matrix[0, 0], matrix[0, 1], matrix[0, 2], matrix[1, 1], matrix[1, 2], matrix[2, 2])
+cdef struct Symmetric:
+    # Upper triangle of a symmetric matrix (3, 3).
+    double xx, xy, xt, yy, yt, tt
+
+
+cdef inline Symmetric symmetric(const double[:, :] matrix) except *:
+    """Return the upper triangle of a matrix."""
+    return Symmetric(matrix[0, 0], matrix[0, 1], matrix[0, 2], matrix[1, 1], matrix[1, 2], matrix[2, 2])
+
+
+cdef inline void write_rows(Symmetric *m, double *rows) noexcept nogil:
+    """Write a symmetric matrix as its rows."""
+    rows[0], rows[1], rows[2] = m.xx, m.xy, m.xt
+    rows[3], rows[4], rows[5] = m.xy, m.yy, m.yt
+    rows[6], rows[7], rows[8] = m.xt, m.yt, m.tt
+
+
+cdef inline Symmetric inverse_of(Symmetric *m) noexcept nogil:
+    """Invert a symmetric matrix."""
+    cdef Factors f = factors(m.xx, m.xy, m.xt, m.yy, m.yt, m.tt)
     cdef double tt = 1.0 / f.c, yt = -f.r * tt, yy = 1.0 / f.b - f.r * yt, xt = -f.p * yt - f.q * tt
     cdef double xy = -f.p * yy - f.q * yt
-    result[0, 0] = 1.0 / f.a - f.p * xy - f.q * xt
-    result[0, 1] = result[1, 0] = xy
-    result[0, 2] = result[2, 0] = xt
-    result[1, 1] = yy
-    result[1, 2] = result[2, 1] = yt
-    result[2, 2] = tt
-    return 0
+    return Symmetric(1.0 / f.a - f.p * xy - f.q * xt, xy, xt, yy, yt, tt)
+
+
+cdef inline void turn(double *matrix, double theta) noexcept nogil:
+    """Rotate the axes of a covariance or information (3, 3) over (x, y, theta) by `theta` [rad]: R M R'."""
+    cdef double c = cos(theta), s = sin(theta), first
+    cdef Py_ssize_t k
+    for k in range(3):
+        first = matrix[k]
+        matrix[k], matrix[3 + k] = c * first - s * matrix[3 + k], s * first + c * matrix[3 + k]
+    for k in range(3):
+        first = matrix[3 * k]
+        matrix[3 * k], matrix[3 * k + 1] = c * first - s * matrix[3 * k + 1], s * first + c * matrix[3 * k + 1]
 
 
 cdef struct Weakest:
@@ -58,8 +81,7 @@ cdef inline Weakest weakest_direction(double xx, double xy, double x, double yy,
     return Weakest(0.5 * atan2(2.0 * xy, xx - yy) + 0.5 * M_PI, max(half - root, 0.0), half + root)
 
 
-cdef inline int read_weakest(const double[:, ::1] information, Weakest *found) except -1 nogil:
-    """Find the `weakest_direction` of an information matrix, or of the normal equations."""
-    found[0] = weakest_direction(information[0, 0], information[0, 1], information[0, 2], information[1, 1],
-                                 information[1, 2], information[2, 2])
-    return 0
+cdef inline Weakest weakest_of(Symmetric *information) noexcept nogil:
+    """Find the `weakest_direction` of an information matrix."""
+    return weakest_direction(information.xx, information.xy, information.xt, information.yy, information.yt,
+                             information.tt)

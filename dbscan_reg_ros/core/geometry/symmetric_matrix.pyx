@@ -5,7 +5,7 @@ import numpy as np
 
 from .se2 import DOF
 
-from .symmetric cimport Factors, factors, squared_distance, write_inverse
+from .symmetric cimport Factors, Symmetric, factors, inverse_of, squared_distance, symmetric, write_rows
 
 IDENTITY = np.eye(DOF)
 IDENTITY.flags.writeable = False
@@ -27,9 +27,12 @@ def inverse(const double[:, :] matrix):
     ZeroDivisionError
         When the matrix is singular.
     """
+    cdef Symmetric upper = symmetric(matrix)
     result = np.empty((DOF, DOF))
+    cdef double[:, ::1] rows = result
     factors_of(matrix)
-    write_inverse(matrix, result)
+    upper = inverse_of(&upper)
+    write_rows(&upper, &rows[0, 0])
     return result
 
 

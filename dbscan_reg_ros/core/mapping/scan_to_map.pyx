@@ -5,7 +5,7 @@ import numpy as np
 
 from ..geometry import tolerance
 from ..geometry.se2 import turned
-from ..registration.uncertainty import degenerate_rotation, degenerate_translation, shared_information
+from ..registration.uncertainty import degenerate_rotation, degenerate_translation, match_covariance, shared_information
 from .correspondences import align, weighted_by_agreement
 from .records import PosePrior
 
@@ -14,9 +14,9 @@ from libc.math cimport cos, fabs, sin
 
 from ..features.oriented_points cimport OrientedPoints
 from ..geometry.plane cimport length_of, wrap
-from ..geometry.symmetric cimport Weakest, read_weakest
+from ..geometry.symmetric cimport Symmetric, Weakest, weakest_of
 from ..registration.point_to_line cimport Equations, write_equations
-from ..registration.uncertainty cimport covariance_of, is_corridor_like, write_parallel
+from ..registration.uncertainty cimport is_corridor_like, write_parallel
 from .correspondences cimport Correspondences, Turned
 from .lookup cimport ScanLookup
 
@@ -83,25 +83,25 @@ cdef Correspondences find_correspondences(ScanLookup lookup, pose, direction, p)
     Without one, the direction that is constrained least is used, if it is weakly constrained.
     """
     cdef Correspondences found = lookup.at(pose)
-    cdef double[:, ::1] information = np.empty((4, 4))
     cdef double[3] step = [0.0, 0.0, 0.0]
     cdef double[3] motion
     cdef double across, least, angle
+    cdef Symmetric information
     cdef Equations sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     cdef Weakest weakest
     cdef Py_ssize_t k
     found.add(step, p.refinement.map_first_scale, &sums)
-    write_equations(&sums, &information[0, 0])
+    information = Symmetric(sums.xx, sums.xy, sums.xt, sums.yy, sums.yt, sums.tt)
     if direction is None:
-        read_weakest(information, &weakest)
+        weakest = weakest_of(&information)
         if weakest.weak >= WELL_CONSTRAINED * weakest.strong:
             return found
         direction = weakest.angle
     angle = direction
-    if not is_corridor_like(information, angle):
+    if not is_corridor_like(&information, angle):
         return found
     least = p.degeneracy.parallel_tolerance
-    write_parallel(angle, information, p.decision.min_information, motion)
+    write_parallel(angle, &information, p.decision.min_information, motion)
     for k in range(found.count):
         across = motion[0] * found.a[k] + motion[1] * found.b[k] + motion[2] * found.r[k]
         if fabs(across) < least * length_of(found.a[k], found.b[k]):
@@ -121,7 +121,7 @@ cdef strengthened(const double[:, ::1] information, OrientedPoints points, Corre
     found.add(step, p.refinement.map_first_scale, &sums)
     write_equations(&sums, &seeming[0, 0])
     table = residuals(found, points, step, found.pose.theta)
-    shared = shared_information(table[2:5], table[1], table[5:])
+    shared = shared_information(table)
     if initial.direction is not None:
         strengthen(information, seeming, shared, degenerate_translation(initial.direction, shared, p.decision), result)
     if initial.rotation_unobservable:
@@ -201,8 +201,8 @@ def alignment_uncertainty(features, pose, Correspondences found, initial, p):
     cdef double[3] step = [pose.x - start.x, pose.y - start.y, wrap(pose.theta - start.theta)]
     found.weigh(step, p.refinement.score_scale)
     table = residuals(found, features.oriented_points, step, pose.theta)
-    return covariance_of(table[0], table[1], table[2:5], table[5:], features.noise, p.decision, pose.theta,
-                         initial.direction is not None, initial.rotation_unobservable)
+    return match_covariance(table, features.noise, p.decision, pose.theta, initial.direction is not None,
+                            initial.rotation_unobservable)
 
 
 def expected_observability(window, key_frame, features, pose, p):
@@ -214,8 +214,7 @@ def expected_observability(window, key_frame, features, pose, p):
     found = ScanLookup(window.slots, points, p.density).in_frame(window.frames.index(key_frame), pose)
     found.weigh(step, p.refinement.score_scale)
     table = residuals(found, points, step, pose.theta)
-    return covariance_of(table[0], table[1], table[2:5], table[5:], features.noise, p.decision, pose.theta, False,
-                         False)[1]
+    return match_covariance(table, features.noise, p.decision, pose.theta)[1]
 
 
 def information_along(features, pose, double angle, p):

@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import numpy as np
-
-from ..geometry.array_types import BoolArray, FloatArray, IntArray
-from .records import Evidence
-from .residuals import Fit, Observability
+from ..geometry.array_types import FloatArray, IntArray
+from .records import Evidence, Hypothesis
+from .residuals import Observability
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,53 +91,29 @@ class Candidates(NamedTuple):
         return len(self.exempt) + len(self.others)
 
 
-class Ranking(NamedTuple):
-    """The H refined hypotheses, best first.
-
-    Attributes
-    ----------
-    candidates : (H, 3) float
-        x, y [m] and theta [rad].
-    score, overlap : (H,) float
-        Results of `scoring.scores`; penalties are subtracted from the score.
-    odds : (H,) float
-        Log-odds from `rank_by_evidence`; 0 before it has run.
-    best : Fit
-        Fit of the best hypothesis (H = 1).
-    """
-
-    candidates: FloatArray
-    score: FloatArray
-    overlap: FloatArray
-    odds: FloatArray
-    best: Fit
-
-    def select(self, chosen: list[int] | IntArray) -> 'Ranking':
-        """Return the hypotheses with the `chosen` indices; the first index must be that of the best hypothesis."""
-        return Ranking(self.candidates[chosen], self.score[chosen], self.overlap[chosen], self.odds[chosen], self.best)
-
-    def with_best(self, candidate: FloatArray, best: Fit) -> 'Ranking':
-        """Return the ranking with another pose ``(3,)`` and fit of the best hypothesis."""
-        return self._replace(candidates=np.concatenate((candidate[None], self.candidates[1:])), best=best)
-
-
 class Assessment(NamedTuple):
-    """Assessment of the best of H hypotheses.
+    """Assessment of refined hypotheses that are different motions.
 
     Attributes
     ----------
+    hypotheses : tuple of Hypothesis
+        Best first.
+    rivals : tuple of Hypothesis
+        Those that differ from the best by `decision.rival_distance` or `decision.rival_angle`; differences along a
+        degenerate direction do not count.
+    overlap : float
+        Of the best, as in `Registration`.
     covariance : (3, 3) float
-        Covariance in the current sensor's frame [m, m, rad].
+        Of the best in the current sensor's frame [m, m, rad].
     observed : Observability
-    rivals : (H,) bool
-        Which hypotheses are different motions from the best.
+        Of the best.
     evidence : Evidence
-    odds : list of float
-        Log-odds of all hypotheses.
+        For the best.
     """
 
+    hypotheses: tuple[Hypothesis, ...]
+    rivals: tuple[Hypothesis, ...]
+    overlap: float
     covariance: FloatArray
     observed: Observability
-    rivals: BoolArray
     evidence: Evidence
-    odds: list[float]

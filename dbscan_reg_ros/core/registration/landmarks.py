@@ -10,12 +10,11 @@ from ..features.poles import find_small_objects
 from ..features.records import Features
 from ..geometry.array_types import ComplexArray, FloatArray
 from ..geometry.robust_kernel import kernel
-from ..geometry.se2 import as_vectors
+from ..geometry.se2 import as_complex, as_vectors, unit_complex
 from ..geometry.ties import order_up_to_rounding
 from ..geometry.tolerance import SAME
 from ..parameters.tree import Parameters
 from .records import Prior
-from .residuals import transform_points
 from .scoring import distinct, within_gate
 
 
@@ -39,7 +38,9 @@ def landmark_motions(reference: Features, current: Features, parameters: Paramet
     motions = pair_motions(ours, theirs)
     if prior is not None:
         motions = motions[within_gate(motions, prior, parameters.prior)]
-    distance = np.abs(transform_points(motions, theirs)[:, :, None] - ours).min(axis=2, initial=np.inf)
+    # Eq. 8
+    moved = unit_complex(motions[:, 2:]) * theirs + as_complex(motions[:, :2])[:, None]
+    distance = np.abs(moved[:, :, None] - ours).min(axis=2, initial=np.inf)
     support = kernel(distance, SAME).sum(axis=1)
     motions = motions[order_up_to_rounding(-support)[:np.count_nonzero(support >= _MIN_SUPPORT)]]
     chosen: FloatArray = motions[distinct(motions, _MAX_MOTIONS, 2.0 * SAME, SAME)]

@@ -8,11 +8,13 @@ from ..features.records import Features
 from ..parameters.tree import Parameters
 from ..scan import Scan
 from .clustering.translation import heaviest_motions, near_motions
+from .confidence.assessment import assess
 from .hypotheses import Candidates
 from .landmarks import landmark_motions
+from .ranking import rank_by_density
 from .records import Prior, Registration, Status
 from .search import Problem, SearchStage
-from .selection import select_by_density
+from .status import decide, failed
 
 
 def register(reference: Scan | Features, current: Scan | Features, parameters: Parameters = Parameters(),
@@ -103,6 +105,26 @@ def search_wide(problem: Problem) -> Registration:
         landmarks = landmark_motions(wide.reference, wide.current, wide.parameters, wide.prior)
         others = np.concatenate((landmarks, others))
     return select_by_density(wide, Candidates(exempt, others))
+
+
+def select_by_density(problem: Problem, candidates: Candidates, min_score: float = -np.inf) -> Registration:
+    """Refine the hypotheses by the density of the reference and return the best of them (section 2.3).
+
+    Parameters
+    ----------
+    problem : Problem
+    candidates : Candidates
+    min_score : float
+        If the best score cannot exceed this, the search ends early and returns ``FAILED`` with that score.
+    """
+    if not candidates.size:
+        return failed('no segments of the two scans match')
+    if not len(problem.current.sampled_points):
+        return failed('no returns of the current scan have a normal')
+    ranked = rank_by_density(problem, candidates, min_score)
+    if ranked.best_score <= min_score:
+        return failed(f'score {ranked.best_score:.2f}; expected more than {min_score:.2f}', ranked.best_score)
+    return decide(problem, assess(problem, ranked))
 
 
 def heaviest_candidates(problem: Problem) -> Candidates:

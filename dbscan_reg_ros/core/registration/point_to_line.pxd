@@ -48,11 +48,6 @@ cdef inline void match_point(OrientedPoints points, Lines lines, Py_ssize_t k, P
                    and (min_cosine >= 0.0 or at != field.size - 1))
 
 
-cdef inline double product_imag(double complex a, double complex b) noexcept nogil:
-    """Return the imaginary part of a product."""
-    return a.real * b.imag + a.imag * b.real
-
-
 cdef struct Equations:
     # Upper triangle of the weighted squares of the rows (x, y, theta, error).
     double xx, xy, xt, x, yy, yt, y, tt, t, e
@@ -90,8 +85,9 @@ cdef inline void write_equations(Equations *s, double *table) noexcept nogil:
 
 
 cdef struct Hypothesis:
-    # Motion [m, m, rad]; score, overlap and conflict, as `write_scores` has them; equations of the last iteration.
-    double x, y, theta, score, overlap, conflict
+    # Motion [m, m, rad]; score, overlap and conflict, as `write_scores` has them; log-odds, by `assess`; equations of
+    # the last iteration.
+    double x, y, theta, score, overlap, conflict, odds
     Equations equations
 
 

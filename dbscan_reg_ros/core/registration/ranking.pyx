@@ -5,8 +5,6 @@ import numpy as np
 
 from ..features.oriented_points import sample
 from ..geometry import tolerance
-from .hypotheses import Ranking
-from .point_to_line import fit
 from .scoring import preselect
 
 from libc.math cimport cos, sin, sqrt
@@ -41,20 +39,14 @@ def rank_by_density(problem, candidates, double min_score):
 
     Returns
     -------
-    Ranking
+    Hypotheses
+        Best first.
     """
     cdef Search search = Search(problem)
     cdef Hypotheses found = rank_coarsely(search, candidates)
-    cdef Py_ssize_t h
     if found.rows[0].score > min_score:
         rank_finely(search, found)
-    table, motions = np.zeros((3, found.size)), found.motions()
-    cdef double[:, ::1] values = table
-    for h in range(found.size):
-        values[0, h], values[1, h] = found.rows[h].score, found.rows[h].overlap
-    return Ranking(motions, table[0], table[1], table[2],
-                   fit(motions[:1], problem.current.sampled_points, problem.reference.likelihood_field,
-                       search.min_cosine))
+    return found
 
 
 cdef class Search(Comparison):

@@ -4,13 +4,9 @@ import dataclasses
 from dataclasses import dataclass
 from enum import Enum
 
-from ..features.oriented_points import OrientedPoints
 from ..features.records import Features
-from ..geometry.array_types import FloatArray
 from ..parameters.tree import Parameters
-from .point_to_line import fit
 from .records import Prior
-from .residuals import Fit
 
 
 class SearchStage(Enum):
@@ -40,10 +36,6 @@ class Problem:
     current: Features
     parameters: Parameters
     prior: Prior | None = None
-
-    def fit(self, candidates: FloatArray, points: OrientedPoints) -> Fit:
-        """Return the `Fit` of `points` of the current scan to the reference for each of the `candidates` ``(H, 3)``."""
-        return fit(candidates, points, self.reference.likelihood_field, self.parameters.density.min_normal_cosine)
 
     def widened(self) -> 'Problem':
         """Return the problem with the parameters of the wide stage."""

@@ -3,85 +3,60 @@
 import cmath
 import dataclasses
 import math
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 
 from ..features.records import Segments
-from ..geometry.array_types import BoolArray, FloatArray, IntArray
-from ..geometry.se2 import DOF, SE2, as_complex, turn_matrix, unit_complex, wrap, wrap_period
+from ..geometry.array_types import FloatArray, IntArray
+from ..geometry.se2 import SE2, as_complex, unit_complex, wrap_period
 from ..geometry.tolerance import SAME
 from ..parameters.registration import DecisionParameters
-from .confidence.evidence import assess, log_odds
+from .confidence.evidence import log_odds
 from .confidence.model import LIKELY, confidence, probability
-from .hypotheses import Ranking
+from .hypotheses import Assessment
 from .records import UNKNOWN_HEADING, Evidence, Hypothesis, Prior, Registration, Status
 from .residuals import PRIOR_INFORMATION, Observability
 from .search import Problem
 
 
-def decide(problem: Problem, fine: Ranking) -> Registration:
-    """Build the `Registration` from the best refined hypothesis.
-
-    Parameters
-    ----------
-    problem : Problem
-    fine : Ranking
-        Finely refined hypotheses, including rivals; its `best` is the fit of the current scan's `sampled_points`.
-    """
+def decide(problem: Problem, assessed: Assessment) -> Registration:
+    """Build the `Registration` from the best of the assessed hypotheses."""
     reference, current, p = problem.reference, problem.current, problem.parameters.decision
-    score = float(fine.score[0])
-    covariance, observed, rivals, evidence, odds = assess(problem, fine)
-    degenerate = observed.weak < p.min_information
-    hypotheses = tuple(Hypothesis(SE2.from_array(candidate), *values) for candidate, *values
-                       in zip(fine.candidates.tolist(), fine.score.tolist(), odds, strict=True))
-    others = tuple(each for each, rival in zip(hypotheses, rivals.tolist(), strict=True) if rival)
-    certainty = confidence(odds[0], [each.log_odds for each in others])
-    transform = hypotheses[0].transform
-    status, reasons = judge(score, evidence, observed, certainty, p)
-    if others and certainty < p.min_confidence:
-        covariance = covariance + rival_covariance(fine.candidates, np.array(odds), rivals)
-        reasons.append(f'rivals: {len(others)}')
+    (best, *_), rivals, observed, covariance = (assessed.hypotheses, assessed.rivals, assessed.observed,
+                                                assessed.covariance)
+    certainty = confidence(best.log_odds, [each.log_odds for each in rivals])
+    status, reasons = judge(best.score, assessed.evidence, observed, certainty, p)
+    if rivals and certainty < p.min_confidence:
+        covariance = covariance + rival_covariance(best, rivals)
+        reasons.append(f'rivals: {len(rivals)}')
     if status is not Status.OK and covariance[2, 2] > UNKNOWN_HEADING ** 2:
         reasons.append('heading unknown')
     found = Registration(
-        transform, covariance, status,
-        overlap=float(fine.overlap[0]), score=score, hypotheses=hypotheses,
-        degenerate_direction=math.remainder(observed.angle, math.pi) if degenerate else None,
-        find_matches=partial(match_segments, reference.segments, current.segments, transform),
+        best.transform, covariance, status, overlap=assessed.overlap, score=best.score, hypotheses=assessed.hypotheses,
+        degenerate_direction=math.remainder(observed.angle, math.pi) if observed.weak < p.min_information else None,
+        find_matches=partial(match_segments, reference.segments, current.segments, best.transform),
         reason='; '.join(reasons), weakest_information=observed.weak,
-        rotation_unobservable=observed.rotation < p.min_information, confidence=certainty, evidence=evidence,
-        rivals=others)
+        rotation_unobservable=observed.rotation < p.min_information, confidence=certainty, evidence=assessed.evidence,
+        rivals=rivals)
     return found if problem.prior is None else demoted_if_poor(found, p)
 
 
-def rival_covariance(candidates: FloatArray, odds: FloatArray, rivals: BoolArray) -> FloatArray:
-    """Return the covariance ``(3, 3)`` that rivals add to that of the best hypothesis, in the frame of the best.
+def rival_covariance(best: Hypothesis, rivals: Sequence[Hypothesis]) -> FloatArray:
+    """Return the covariance ``(3, 3)`` that rivals add to that of the `best` hypothesis, in the frame of the best.
 
     Each rival is weighted with the probability that it is right and the best hypothesis is wrong.
-
-    Parameters
-    ----------
-    candidates : (H, 3) array
-    odds : (H,) array
-        Log-odds of the hypotheses.
-    rivals : (H,) bool array
-        Which hypotheses are rivals of the first.
     """
-    if not rivals.any():
-        return np.zeros((DOF, DOF))
-    best = candidates[0]
-    off = candidates[rivals] - best
-    off[:, 2] = wrap(off[:, 2])
-    off = off @ turn_matrix(best[2])
-    weight = [probability(float(each)) for each in odds[rivals] - odds[0]]
+    off = np.array([(best.transform.inverse() @ each.transform).as_tuple() for each in rivals])
+    weight = [probability(each.log_odds - best.log_odds) for each in rivals]
     covariance: FloatArray = (off.T * weight) @ off
     return covariance
 
 
-def failed(reason: str) -> Registration:
+def failed(reason: str, score: float = 0.0) -> Registration:
     """Return a ``FAILED`` registration with the identity as transform and a large covariance."""
-    return Registration(SE2(), np.diag(1.0 / PRIOR_INFORMATION), Status.FAILED, reason=reason)
+    return Registration(SE2(), np.diag(1.0 / PRIOR_INFORMATION), Status.FAILED, score=score, reason=reason)
 
 
 def judge(score: float, evidence: Evidence, observed: Observability, certainty: float,

@@ -1,7 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3
-cdef covariance_of(const double[::1] error, const double[::1] weight, const double[:, ::1] rows,
-                   const double[:, ::1] own, double noise, parameters, double theta, bint latest_degenerate,
-                   bint rotation_unobservable)
-cdef int write_parallel(double angle, const double[:, ::1] information, double few, double *motion) except -1
-cdef bint is_corridor_like(const double[:, ::1] information, double angle) except -1
+"""What the residuals of a registered scan constrain."""
+from ..geometry.symmetric cimport Symmetric
+
+
+cdef enum:
+    # Rows of a table of residuals: errors [m] and weights; derivatives of the errors by x, y and theta, computed with
+    # the normals of the lines, and with those of the points themselves.
+    ERROR, WEIGHT, BY_X, BY_Y, BY_THETA, OWN_X, OWN_Y, OWN_THETA, ROWS
+
+
+cdef struct Limits:
+    # Numbers of `DecisionParameters`.
+    double few, weak_prior, parallel_tolerance, covariance_scale, few_points_scale
+
+
+cdef struct Uncertainty:
+    # Covariance (3, 3) in the frame of the sensor [m, m, rad], by rows; and `Observability`.
+    double[9] covariance
+    double angle, weak, rotation
+
+
+cdef Limits limits_of(parameters) except *
+cdef Uncertainty estimate(const double[:, ::1] table, double noise, Limits *limits, double theta,
+                          bint latest_degenerate, bint rotation_unobservable) noexcept nogil
+cdef covariance_of(Uncertainty *found)
+cdef void write_parallel(double angle, Symmetric *information, double few, double *motion) noexcept nogil
+cdef bint is_corridor_like(Symmetric *information, double angle) noexcept nogil

@@ -10,9 +10,9 @@ from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.parameters.tree import Parameters
+from dbscan_reg_ros.core.registration.confidence.assessment import evidence_of
 from dbscan_reg_ros.core.registration.confidence.evidence import evidence_terms
 from dbscan_reg_ros.core.registration.confidence.model import COEFFICIENTS, confidence
-from dbscan_reg_ros.core.registration.confidence.ranking import evidence_of
 from dbscan_reg_ros.core.registration.pipeline import register
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.core.registration.search import Problem, SearchStage
@@ -69,7 +69,7 @@ def hypotheses(trials) -> list:
         found = register(*features, first_stage=SearchStage.WIDE).hypotheses if features else ()
         if found:
             candidates = np.array([each.transform.as_array() for each in found])
-            evidence, _ = evidence_of(Problem(*features, Parameters()), candidates)
+            evidence = evidence_of(Problem(*features, Parameters()), candidates)
             results.append((np.array([evidence_terms(each) for each in evidence]),
                             np.array([is_right(trial, each.transform) for each in found])))
     return results

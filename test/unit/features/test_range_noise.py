@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from l_room import linear_residuals
 from rooms import DEGREE, FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, ScanGeometry
@@ -15,8 +16,9 @@ from dbscan_reg_ros.core.features.tables import build_likelihood_field
 from dbscan_reg_ros.core.odometry.models.noise_history import NoiseRatioHistory
 from dbscan_reg_ros.core.parameters.features import ScanParameters
 from dbscan_reg_ros.core.parameters.registration import DensityParameters
+from dbscan_reg_ros.core.registration.fit import fit
 from dbscan_reg_ros.core.registration.pipeline import register
-from dbscan_reg_ros.core.registration.point_to_line import fit, refine
+from dbscan_reg_ros.core.registration.point_to_line import refine
 from dbscan_reg_ros.core.registration.residuals import Alignment
 
 LIMITS = ScanParameters()
@@ -125,11 +127,12 @@ def test_errors_of_noisy_points_count_in_units_of_their_noise():
     noisy, plain = (OrientedPoints(points, cloud.normals, cloud.beams, cloud.weights, noise)
                     for noise in (inverse_noise, None))
     still = np.zeros((1, 3))
-    sharp, blunt = (fit(still, each, surface, density.min_normal_cosine) for each in (noisy, plain))
-    assert sharp.rows() == pytest.approx(blunt.rows() * inverse_noise, abs=1e-12)
+    sharp, blunt = (fit(still[0], each, surface, density.min_normal_cosine) for each in (noisy, plain))
+    rows = linear_residuals(blunt)
+    assert linear_residuals(sharp) == pytest.approx(rows * inverse_noise, abs=1e-12)
     assert (sharp.alike == blunt.alike).all()
     found, _ = refine(still, Alignment(noisy, surface, density.min_normal_cosine, 0.0), [100.0])
-    rows = blunt.rows()[0] * (inverse_noise * blunt.alike[0])
+    rows = rows * (inverse_noise * blunt.alike)
     step, *_ = np.linalg.lstsq(rows[:3].T, -rows[3], rcond=None)
     assert found[0] == pytest.approx(step, abs=1e-6)
     unweighted, _ = refine(still, Alignment(plain, surface, density.min_normal_cosine, 0.0), [100.0])

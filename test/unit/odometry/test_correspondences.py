@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from l_room import DENSITY, END, START, features, fitted
+from l_room import DENSITY, END, START, features, fitted, linear_residuals, normal_equations, weight
 from rooms import look
 
 from dbscan_reg_ros import SE2, Parameters
@@ -16,7 +16,6 @@ from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
 from dbscan_reg_ros.core.mapping.lookup import look_up_correspondences
 from dbscan_reg_ros.core.mapping.records import PosePrior
-from dbscan_reg_ros.core.registration.residuals import normal_equations
 from dbscan_reg_ros.core.sensor import Sensor
 
 PARAMETERS = Parameters()
@@ -34,8 +33,8 @@ def plainly(reference, current, motion):
     """The equations of a registration, but for points beyond the ends of walls."""
     found, surface = fitted(reference, current, motion), reference.likelihood_field
     nearest = surface.nearest(found.places)
-    beside = np.abs((found.normals * found.places).imag - surface.along[nearest])
-    return normal_equations(found.rows(), found.weight(0.1) * (beside <= surface.extents[nearest]))[0]
+    beside = np.abs((surface.normals[nearest] * found.places).imag - surface.along[nearest])
+    return normal_equations(linear_residuals(found), weight(found, 0.1) * (beside <= surface.extents[nearest]))
 
 
 def window(*poses):

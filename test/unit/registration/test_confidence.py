@@ -11,9 +11,9 @@ from rooms import FULL, HALF, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Parameters, Prior, Scan, Status, register
 from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.registration.confidence.assessment import evidence_of
 from dbscan_reg_ros.core.registration.confidence.evidence import log_odds
 from dbscan_reg_ros.core.registration.confidence.model import confidence, probability
-from dbscan_reg_ros.core.registration.confidence.ranking import evidence_of
 from dbscan_reg_ros.core.registration.search import Problem
 
 ROOM = outline(L_ROOM)
@@ -27,7 +27,7 @@ def features(pose, geometry=FULL, walls=ROOM, seed=0):
 
 def evidence(reference, current, motion):
     """That for a motion."""
-    (found,), _ = evidence_of(Problem(reference, current, Parameters()), motion.as_array()[None])
+    found, = evidence_of(Problem(reference, current, Parameters()), motion.as_array()[None])
     return found
 
 

@@ -4,13 +4,26 @@ import math
 
 import numpy as np
 import pytest
-from l_room import DENSITY, END, START, features, fitted, rows
+from l_room import (
+    DENSITY,
+    END,
+    START,
+    features,
+    fitted,
+    jacobian,
+    linear_residuals,
+    normal_equations,
+    rows,
+    table,
+    weight,
+)
 
 from dbscan_reg_ros import SE2, Parameters
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.features.tables import build_likelihood_field
-from dbscan_reg_ros.core.registration.point_to_line import fit, polish, refine
-from dbscan_reg_ros.core.registration.residuals import Alignment, jacobian, normal_equations
+from dbscan_reg_ros.core.registration.fit import fit, polish
+from dbscan_reg_ros.core.registration.point_to_line import refine
+from dbscan_reg_ros.core.registration.residuals import Alignment
 from dbscan_reg_ros.core.registration.uncertainty import shared_information
 
 PARAMETERS = Parameters()
@@ -25,38 +38,37 @@ def test_a_point_before_a_wall_errs_by_its_distance_and_weighs_by_the_kernel():
                                                     np.arange(400)), DENSITY)
     point = OrientedPoints(np.array([0.3 + 1.9j]), np.array([-1j]), np.array([0]))
     before, turned, far = np.array([0.0, 0.05, 0.0]), np.array([1.9, 1.65, 0.5 * math.pi]), np.array([0.0, -0.6, 0.0])
-    found = fit(np.array([before, turned, far]), point, surface, 0.5)
-    assert (found.error[0, 0], found.normals[0, 0], found.rotated_points[0, 0]) == pytest.approx((0.05, 1j, 0.3 + 1.9j))
-    assert found.places[1, 0] == pytest.approx(1.9 + 1.65j + 1j * (0.3 + 1.9j))
-    assert found.weight(0.1)[:, 0] == pytest.approx([math.exp(-0.125), 0.0, 0.0])
+    found = [fit(each, point, surface, 0.5) for each in (before, turned, far)]
+    assert found[0].rotated_points[0] == pytest.approx(0.3 + 1.9j)
+    assert linear_residuals(found[0])[:, 0] == pytest.approx((0.0, -1.0, -0.3, 0.05))
+    assert found[1].places[0] == pytest.approx(1.9 + 1.65j + 1j * (0.3 + 1.9j))
+    assert [weight(each, 0.1)[0] for each in found] == pytest.approx([math.exp(-0.125), 0.0, 0.0])
 
 
 def test_the_equations_are_those_of_the_numeric_derivatives():
     reference, current = features(START), features(END)
-    found = fitted(reference, current, NEAR, MOTION)
-    error, weight = found.error[0], found.weight(0.1)[0]
-    assert np.count_nonzero(weight) > 100
+    found = fitted(reference, current, NEAR)
+    error, weights = found.residuals[0], weight(found, 0.1)
+    assert np.count_nonzero(weights) > 100
     step, columns = 1e-7, []
     for axis in range(3):
         moved = NEAR.as_array()
         moved[axis] += step
-        columns.append((fitted(reference, current, SE2(*moved)).error[0] - error) / step)
+        columns.append((fitted(reference, current, SE2(*moved)).residuals[0] - error) / step)
     # In another cell, a point may have another correspondence.
     smooth = np.abs(np.array(columns)).max(axis=0) < 10.0
     assert smooth.mean() > 0.98
     design = np.vstack((*columns, error))[:, smooth]
-    expected = (design * weight[smooth]) @ design.T
-    equations = normal_equations(found.rows()[..., smooth], found.weight(0.1)[:, smooth])
-    assert equations.shape == (2, 4, 4)
-    np.testing.assert_allclose(equations[0], expected, atol=1e-4)
+    np.testing.assert_allclose(normal_equations(linear_residuals(found)[:, smooth], weights[smooth]),
+                               normal_equations(design, weights[smooth]), atol=1e-4)
 
 
 def test_scans_with_the_same_normals_agree_on_all_information():
     reference, current = features(START), features(END)
     found = fitted(reference, current, NEAR)
-    weight, same = found.weight(0.1)[0], jacobian(found.normals[0], found.rotated_points[0])
-    np.testing.assert_allclose(
-        shared_information(same, weight, same), normal_equations(found.rows()[0], weight)[:3, :3], atol=1e-9)
+    weights, same = weight(found, 0.1), found.residuals[2:5]
+    np.testing.assert_allclose(shared_information(table(same, weights, same)), normal_equations(same, weights),
+                               atol=1e-9)
 
 
 def test_scans_whose_normals_stray_each_by_itself_do_not_agree_along_a_wall():
@@ -65,8 +77,8 @@ def test_scans_whose_normals_stray_each_by_itself_do_not_agree_along_a_wall():
     size = 4000
     places = rng.uniform(-5.0, 5.0, size) + 1j * rng.choice((-1.0, 1.0), size)
     theirs, own = (-1j * np.sign(places.imag) * np.exp(1j * rng.normal(0.0, 0.2, size)) for _ in range(2))
-    weight, theirs, own = np.ones(size), jacobian(theirs, places), jacobian(own, places)
-    single, shared = normal_equations(theirs, weight)[0, 0], shared_information(theirs, weight, own)[0, 0]
+    weights, theirs, own = np.ones(size), jacobian(theirs, places), jacobian(own, places)
+    single, shared = normal_equations(theirs, weights)[0, 0], shared_information(table(theirs, weights, own))[0, 0]
     assert single == pytest.approx(0.04 * size, rel=0.1)
     # The sum of as many products of two independent normals of that spread: three standard deviations.
     assert abs(shared) < 3.0 * 0.04 * math.sqrt(size)
@@ -74,8 +86,8 @@ def test_scans_whose_normals_stray_each_by_itself_do_not_agree_along_a_wall():
 
 def polished(reference, current, candidate):
     """The last iterations of a candidate ``(3,)``, over all points."""
-    found = fit(candidate[None], current.oriented_points, reference.likelihood_field, DENSITY.min_normal_cosine)
-    return polish(candidate, found, current.oriented_points, PARAMETERS.refinement)
+    found = fit(candidate, current.oriented_points, reference.likelihood_field, DENSITY.min_normal_cosine)
+    return polish(candidate, found, PARAMETERS.refinement)
 
 
 def alignment(reference, current):
@@ -105,12 +117,11 @@ def test_the_errors_of_what_was_polished_are_those_where_it_lies_now():
     reference, current = features(START), features(END)
     near = (MOTION @ SE2(0.02, -0.01, 0.01)).as_array()
     found, errors = polished(reference, current, near)
-    there = fit(found[None], current.oriented_points, reference.likelihood_field, DENSITY.min_normal_cosine)
+    there, before = (fit(each, current.oriented_points, reference.likelihood_field, DENSITY.min_normal_cosine)
+                     for each in (found, near))
     both = errors.alike & there.alike
     assert both.mean() > 0.95
-    assert np.percentile(np.abs(errors.error - there.error)[both], 95) < 3e-4
-    assert np.median(np.abs(errors.error - fit(near[None], current.oriented_points, reference.likelihood_field,
-                                               DENSITY.min_normal_cosine).error)[both]) > 3e-3
-    few = errors.thinned(50)
-    assert few.error.shape == (1, len(current.oriented_points.thinned(50)))
-    np.testing.assert_array_equal(few.rotated_points[0], errors.rotated_points[0, ::8])
+    assert np.percentile(np.abs(errors.residuals[0] - there.residuals[0])[both], 95) < 3e-4
+    assert np.median(np.abs(errors.residuals[0] - before.residuals[0])[both]) > 3e-3
+    few = errors.of_every(8, current.oriented_points.thinned(50))
+    np.testing.assert_array_equal(few.rotated_points, errors.rotated_points[::8])

@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from l_room import weight
 from rooms import FULL, HALF, L_ROOM, look, outline
 from scipy.spatial.distance import mahalanobis
 
 from dbscan_reg_ros import SE2, Parameters, Prior
 from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.registration.fit import fit
 from dbscan_reg_ros.core.registration.hypotheses import Candidates
-from dbscan_reg_ros.core.registration.point_to_line import fit
 from dbscan_reg_ros.core.registration.ranking import rank_by_density
 from dbscan_reg_ros.core.registration.scoring import (
     distinct,
@@ -102,9 +103,9 @@ def ranked(problem, candidates):
 def test_promising_hypotheses_have_enough_of_the_best_support():
     reference, current = features(START), features(END)
     candidates = rows(*(MOTION @ off for off in (SE2(0.2, 0.1, 0.0), SE2(), SE2(1.0, 1.0, 1.6))))
-    fits = fit(candidates, current.sampled_points, reference.likelihood_field, DENSITY.min_normal_cosine)
-    scale = ALIKE.refinement.coarse_scale
-    support = (np.exp(-0.5 * (fits.error / scale) ** 2) * fits.alike).sum(axis=1)
+    fits = [fit(each, current.sampled_points, reference.likelihood_field, DENSITY.min_normal_cosine)
+            for each in candidates]
+    support = np.array([weight(each, ALIKE.refinement.coarse_scale).sum() for each in fits])
     assert 0.9 > support[0] / support[1] > support[2] / support[1] + 0.1
     for share, count in (0.95 * support[0] / support[1], 2), (1.05 * support[0] / support[1], 1), (0.0, 3):
         p = ALIKE.replace(UNREFINED | {'advanced.selection.min_support_ratio': float(share),
@@ -119,8 +120,8 @@ def test_a_prior_costs_the_squared_distance_from_it_in_its_frame(step):
     prior, candidates = Prior(MOTION, root @ root.T), rows(MOTION @ step)
     distance = mahalanobis(step.as_array(), np.zeros(3), np.linalg.inv(prior.covariance))
     found = ranked(Problem(reference, current, p, prior), candidates)
-    expected = scores(Problem(reference, current, p), candidates)[0]
-    assert found.score == pytest.approx(expected - p.prior.weight * min((distance / p.prior.gate) ** 2, 1.0))
+    (expected,), *_ = scores(Problem(reference, current, p), candidates)
+    assert found.best_score == pytest.approx(expected - p.prior.weight * min((distance / p.prior.gate) ** 2, 1.0))
 
 
 def test_the_spread_of_a_prior_is_that_of_its_widest_direction():

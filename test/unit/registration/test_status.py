@@ -10,51 +10,49 @@ from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.parameters.registration import DecisionParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
-from dbscan_reg_ros.core.registration.hypotheses import Ranking
-from dbscan_reg_ros.core.registration.point_to_line import fit
-from dbscan_reg_ros.core.registration.records import Prior, Registration, Status
+from dbscan_reg_ros.core.registration.confidence.assessment import assess
+from dbscan_reg_ros.core.registration.point_to_line import Hypotheses
+from dbscan_reg_ros.core.registration.records import Hypothesis, Prior, Registration, Status
 from dbscan_reg_ros.core.registration.scoring import find_rivals
 from dbscan_reg_ros.core.registration.search import Problem
 from dbscan_reg_ros.core.registration.status import decide, demoted_if_weak, rival_covariance
-from dbscan_reg_ros.core.registration.uncertainty import uncertainty
 
 ROOM = outline(L_ROOM)
-
-
-def fitted(reference, current, motion):
-    return fit(motion[None], current.sampled_points, reference.likelihood_field, Parameters().density.min_normal_cosine)
 
 
 def test_rivals_widen_the_covariance_by_their_distance_in_the_sensor_frame():
     """By half of its square where the log-odds are equal."""
     candidates = np.array([(1.0, 2.0, 0.5 * math.pi), (1.0, 5.0, 2.5 * math.pi), (1.0, 2.1, 0.5 * math.pi)])
-    rivals = find_rivals(candidates, None, Parameters().decision)
-    assert rivals.tolist() == [False, True, False]
-    assert rival_covariance(candidates, np.zeros(3), rivals) == pytest.approx(np.diag([4.5, 0.0, 0.0]), abs=1e-9)
-    assert not rival_covariance(candidates, np.zeros(3), np.zeros(3, dtype=bool)).any()
-    assert np.abs(rival_covariance(candidates, np.array([9.0, -9.0, 9.0]), rivals)).max() < 1e-6
-
-
-def ranking(candidates, odds, best):
-    size = len(odds)
-    return Ranking(candidates, np.full(size, 0.9), np.ones(size), np.array(odds), best)
+    assert find_rivals(candidates, None, Parameters().decision).tolist() == [False, True, False]
+    best, rival, unlikely = (Hypothesis(SE2.from_array(candidates[k]), 0.9, odds)
+                             for k, odds in ((0, 9.0), (1, 9.0), (1, -9.0)))
+    assert rival_covariance(best, [rival]) == pytest.approx(np.diag([4.5, 0.0, 0.0]), abs=1e-9)
+    assert np.abs(rival_covariance(best, [unlikely])).max() < 1e-6
 
 
 def test_a_rival_along_a_constrained_direction_makes_ambiguous():
     reference, current = extract_features(look(ROOM)), extract_features(look(ROOM, SE2(0.1, 0.0, 0.2)))
-    best, parameters = np.array([0.1, 0.0, 0.2]), Parameters()
-    found = fitted(reference, current, best)
-    _, held = uncertainty(best, found, current.sampled_points, current.noise, parameters)
-    assert held.weak > parameters.decision.min_information
-    fine = best + np.array([(0.0, 0.0, 0.0), (math.cos(held.angle), math.sin(held.angle), 0.0)])
-    alone = decide(Problem(reference, current, parameters), ranking(fine[:1], [0.0], found))
-    odds = alone.hypotheses[0].log_odds
-    for rival, status, variance in ((odds - 20.0, Status.OK, 0.0), (odds, Status.AMBIGUOUS, 0.5)):
-        result = decide(Problem(reference, current, parameters), ranking(fine, [0.0, rival], found))
+    problem = Problem(reference, current, Parameters())
+    alone = assess(problem, Hypotheses(np.array([(0.1, 0.0, 0.2)])))
+    (best,), held = alone.hypotheses, alone.observed
+    assert held.weak > problem.parameters.decision.min_information and not alone.rivals
+    away = best.transform.as_array() + np.array((math.cos(held.angle), math.sin(held.angle), 0.0))
+    for odds, status, variance in ((best.log_odds - 20.0, Status.OK, 0.0), (best.log_odds, Status.AMBIGUOUS, 0.5)):
+        rival = Hypothesis(SE2.from_array(away), 0.9, odds)
+        result = decide(problem, alone._replace(hypotheses=(best, rival), rivals=(rival,)))
         assert result.status is status
-        assert [each.log_odds for each in result.rivals] == [rival]
-        assert result.margin == pytest.approx(odds - rival)
+        assert result.margin == pytest.approx(best.log_odds - odds)
         assert np.trace(result.covariance) == pytest.approx(variance, abs=1e-3)
+
+
+def test_hypotheses_that_are_different_motions_are_assessed_best_first():
+    reference, current = extract_features(look(ROOM)), extract_features(look(ROOM, SE2(0.1, 0.0, 0.2)))
+    problem = Problem(reference, current, Parameters())
+    found = assess(problem, Hypotheses(np.array([(0.9, 0.3, 0.2), (0.1, 0.01, 0.2), (0.1, 0.0, 0.2)])))
+    best, rival = found.hypotheses
+    assert found.rivals == (rival,) and best.log_odds > rival.log_odds + 1.0
+    assert (best.transform.inverse() @ SE2(0.1, 0.0, 0.2)).as_array() == pytest.approx([0.0, 0.0, 0.0], abs=3e-3)
+    assert rival.transform.as_array() == pytest.approx([0.9, 0.3, 0.2])
 
 
 def test_along_a_degenerate_direction_there_is_no_rival():

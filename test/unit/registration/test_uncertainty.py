@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from l_room import jacobian, normal_equations, table
 
 from dbscan_reg_ros.core.parameters.registration import DecisionParameters
-from dbscan_reg_ros.core.registration.residuals import Residuals, jacobian, normal_equations
 from dbscan_reg_ros.core.registration.uncertainty import degenerate_rotation, degenerate_translation, match_covariance
 
 ALONE = {'covariance_scale': 1.0, 'parallel_tolerance': 0.0}
@@ -26,9 +26,8 @@ def judged(information, shared, points=100.0, parameters=PARAMETERS):
     rows = vectors * np.sqrt(np.maximum(values, 0.0))
     weight = points / 3.0
     own = (np.linalg.pinv(rows, rcond=1e-9) @ shared).T
-    residuals = Residuals(np.zeros(3), np.full(3, weight), *(np.ascontiguousarray(part) / math.sqrt(weight)
-                                                             for part in (rows, own)), math.sqrt(VARIANCE))
-    return match_covariance(residuals, parameters, 0.0)
+    residuals = table(rows / math.sqrt(weight), np.full(3, weight), own / math.sqrt(weight))
+    return match_covariance(residuals, math.sqrt(VARIANCE), parameters, 0.0)
 
 
 def test_the_covariance_is_the_inverse_of_the_information():

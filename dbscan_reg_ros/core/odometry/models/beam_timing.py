@@ -14,7 +14,8 @@ from ...geometry.array_types import FloatArray
 from ...geometry.se2 import SE2
 from ...parameters.features import AUTO, LAST_BEAM, ScanParameters
 from ...parameters.tree import Parameters
-from ...registration.point_to_line import fit, refine
+from ...registration.fit import fit
+from ...registration.point_to_line import refine
 from ...registration.residuals import Alignment
 from ...scan import Scan
 from ..records import OdometryUpdate
@@ -230,8 +231,8 @@ def _residual(reference: _Timed, current: _Timed, p: Parameters) -> float:
     alignment = Alignment(points.sampled_points, lines.likelihood_field, p.density.min_normal_cosine,
                           p.refinement.damping)
     aligned, _ = refine(np.array([(at.inverse() @ pose).as_tuple()]), alignment, _SCALES)
-    fitted = fit(aligned, alignment.points, alignment.field, alignment.min_normal_cosine)
-    squared = np.where(fitted.alike, fitted.error ** 2, np.inf)
+    fitted = fit(aligned[0], alignment.points, alignment.field, alignment.min_normal_cosine)
+    squared = np.where(fitted.alike, fitted.residuals[0] ** 2, np.inf)
     return float(np.minimum(squared, _OUTLIER ** 2).mean())
 
 

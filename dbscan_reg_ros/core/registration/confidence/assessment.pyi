@@ -1,0 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Assessment of refined hypotheses: which is the best, the evidence for it, its uncertainty, and its rivals."""
+from ...geometry.array_types import FloatArray
+from ..hypotheses import Assessment
+from ..point_to_line import Hypotheses
+from ..records import Evidence
+from ..search import Problem
+
+def assess(problem: Problem, found: Hypotheses) -> Assessment: ...
+def evidence_of(problem: Problem, candidates: FloatArray) -> list[Evidence]: ...

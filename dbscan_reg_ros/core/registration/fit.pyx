@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+"""Correspondences of a scan's points with lines of the reference at one pose, and the last refinement by them."""
+import numpy as np
+
+from ..geometry import tolerance
+
+cimport cython
+from libc.math cimport cos, sin, sqrt
+
+from ..features.oriented_points cimport OrientedPoints
+from ..geometry.exponential cimport decaying_exp
+from ..geometry.plane cimport length_of
+from .point_to_line cimport Equations, Hypothesis, Match, Pose, add_row, match_point, pose_at, solve_step
+from .uncertainty cimport BY_THETA, BY_X, BY_Y, ERROR, OWN_THETA, OWN_X, OWN_Y, ROWS, WEIGHT
+from .views cimport Lines, lines_of
+
+
+cdef double TINY = tolerance.TINY
+cdef Equations NO_POINTS = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+cdef class Fit:
+    """Correspondences of a scan's P points with lines of the reference, at one pose (Eq. 16-18).
+
+    Attributes
+    ----------
+    residuals : (8, P) array
+        The table of `match_covariance`; errors and derivatives are multiplied by the `inverse_noise` of the points.
+    alike : (P,) bool array
+        Whether the normals of point and line agree.
+    rotated_points, places : (P,) complex arrays [m]
+        Rotated points; rotated and translated points.
+    """
+
+    def __cinit__(self, OrientedPoints points, double x, double y):
+        self.points, self.x, self.y, self.table = points, x, y, np.empty((FIT_ROWS, points.size))
+
+    @property
+    def residuals(self):
+        return np.asarray(self.table[:ROWS])
+
+    @property
+    def alike(self):
+        return np.asarray(self.table[ALIKE]) == 1.0
+
+    @property
+    def rotated_points(self):
+        return np.asarray(self.table[ROTATED_X]) + 1j * np.asarray(self.table[ROTATED_Y])
+
+    @property
+    def places(self):
+        return self.rotated_points + complex(self.x, self.y)
+
+    cpdef Fit of_every(self, Py_ssize_t step, OrientedPoints points):
+        """Return the fit of every `step`-th point, which `points` are."""
+        cdef Fit found = Fit(points, self.x, self.y)
+        found.table[:, :] = self.table[:, ::step]
+        return found
+
+    @cython.boundscheck(False)
+    cdef void weigh(self, double scale) noexcept nogil:
+        """Write the weights by a kernel (Eq. 18) of the `scale` [m], 0 where the normals disagree."""
+        cdef const double[::1] weights = self.points.weights_view
+        cdef double factor = -0.5 / (scale * scale)
+        cdef double *error = &self.table[ERROR, 0]
+        cdef double *alike = &self.table[ALIKE, 0]
+        cdef double *kernel = &self.table[KERNEL, 0]
+        cdef Py_ssize_t k
+        for k in range(self.points.size):
+            kernel[k] = decaying_exp(factor * error[k] * error[k]) * alike[k]
+        for k in range(self.points.size):
+            self.table[WEIGHT, k] = kernel[k] * weights[k]
+
+    @cython.boundscheck(False)
+    cdef void derive_by_own(self, double theta) noexcept nogil:
+        """Write the derivatives of the errors by the points' own normals, for a heading `theta` [rad] of the scan."""
+        cdef const double complex[::1] normals = self.points.normals_view
+        cdef const double[::1] inverse_noise = self.points.inverse_noise_view
+        cdef double[:, ::1] table = self.table
+        cdef double c = cos(theta), s = sin(theta), nx, ny, x, y
+        cdef Py_ssize_t k
+        for k in range(self.points.size):
+            nx, ny = normals[k].real * inverse_noise[k], normals[k].imag * inverse_noise[k]
+            x, y = c * nx - s * ny, s * nx + c * ny
+            table[OWN_X, k], table[OWN_Y, k] = x, y
+            table[OWN_THETA, k] = table[ROTATED_X, k] * y - table[ROTATED_Y, k] * x
+
+
+def fit(candidate, OrientedPoints points, field, double min_normal_cosine):
+    """Find the `Fit` of a scan's points to the reference.
+
+    Parameters
+    ----------
+    candidate : (3,) array [m, m, rad]
+    points : OrientedPoints
+        Of the current scan.
+    field : LikelihoodField
+        Of the reference.
+    min_normal_cosine : float
+        Minimum cosine of the angle between corresponding normals.
+    """
+    cdef Hypothesis at
+    at.x, at.y, at.theta = candidate
+    return fit_at(&at, points, lines_of(field), min_normal_cosine)
+
+
+@cython.boundscheck(False)
+cdef Fit fit_at(Hypothesis *at, OrientedPoints points, Lines lines, double min_cosine):
+    """Return the `Fit` at a hypothesis."""
+    cdef Pose pose = pose_at(at.x, at.y, at.theta)
+    cdef Fit found = Fit(points, at.x, at.y)
+    cdef double[:, ::1] table = found.table
+    cdef double inverse_noise
+    cdef Match match
+    cdef Py_ssize_t k
+    with nogil:
+        for k in range(points.size):
+            match_point(points, lines, k, &pose, min_cosine, &match)
+            inverse_noise = points.inverse_noise_view[k]
+            match.nx, match.ny = match.nx * inverse_noise, match.ny * inverse_noise
+            table[ERROR, k], table[ALIKE, k] = match.error * inverse_noise, match.alike
+            # Jacobian (nx, -ny, -Im(n p)) of the conjugated normal n and the rotated point p.
+            table[BY_X, k], table[BY_Y, k] = match.nx, -match.ny
+            table[BY_THETA, k] = -(match.nx * match.y + match.ny * match.x)
+            table[ROTATED_X, k], table[ROTATED_Y, k] = match.x, match.y
+    return found
+
+
+def polish(candidate, Fit found, refinement):
+    """Refine a candidate ``(3,)`` [m, m, rad] with a kernel (Eq. 18) that narrows to the spread of the errors.
+
+    The correspondences of `found`, the candidate's `Fit`, are kept, so the errors are linear in the step. A candidate
+    that moves farther than the first kernel, as it may along a corridor, is returned unchanged.
+
+    Returns
+    -------
+    candidate : (3,) array [m, m, rad]
+    found : Fit
+        Of it.
+    """
+    cdef Fit moved = found.of_every(1, found.points)
+    cdef double[:, ::1] table = moved.table
+    cdef double scale = refinement.final_scale, damping = refinement.damping, count
+    cdef Equations sums
+    cdef double[3] step
+    cdef double[3] total = [0.0, 0.0, 0.0]
+    cdef Py_ssize_t k
+    for _ in range(refinement.polish_iterations):
+        moved.weigh(scale)
+        sums, count = NO_POINTS, 0.0
+        for k in range(table.shape[1]):
+            count += table[WEIGHT, k]
+            add_row(&sums, table[WEIGHT, k], table[BY_X, k], table[BY_Y, k], table[BY_THETA, k], table[ERROR, k])
+        solve_step(&sums, damping, step)
+        scale = refinement.narrowed(scale, sqrt(sums.e / max(count, TINY)))
+        for k in range(3):
+            total[k] += step[k]
+        for k in range(table.shape[1]):
+            table[ERROR, k] -= step[0] * table[BY_X, k] + step[1] * table[BY_Y, k] + step[2] * table[BY_THETA, k]
+    if length_of(total[0], total[1]) >= refinement.final_scale:
+        return candidate, found
+    return candidate - np.array((total[0], total[1], total[2])), moved
