@@ -133,6 +133,17 @@ def test_the_alignment_is_the_damped_least_squares_of_each_iteration(seed):
 
 
 @SEEDS
+def test_kernels_are_the_exponential_to_2e_12_and_end_at_that_of_64(seed):
+    rng = np.random.default_rng(seed)
+    found = look_up_correspondences(window(rng, 1), SE2(), weighted_points(rng), P.density)
+    _, given = found.match(SE2(), 1e9)
+    for scale in np.geomspace(1e-4, 10.0, 40):
+        errors, weight = found.match(SE2(), scale)
+        exponent = np.maximum(-0.5 * (errors / scale) ** 2, -64.0)
+        np.testing.assert_allclose(weight, given * np.exp(exponent), rtol=2.1e-12, atol=0.0)
+
+
+@SEEDS
 def test_pairs_of_other_lidars_are_weighted_by_how_far_their_means_differ(seed):
     rng = np.random.default_rng(seed)
     frames, points, here, there = window(rng, 2), weighted_points(rng), SE2(0.01, 0.02, 0.01), SE2(0.0, 0.01, 0.0)

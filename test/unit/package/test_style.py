@@ -75,6 +75,20 @@ def test_builds_fuzz_browsers_and_the_site_run_where_they_are_asked_for(root, wo
     assert runs == {folder for folder, test in LONG_TESTS.items() if f'test/{folder}/{test}' in found}
 
 
+def test_the_stubs_say_what_the_compiled_modules_have(root):
+    """What only compiled modules use of each other is in no stub."""
+    tools = root / '.venv-style' / 'bin'
+    if not tools.is_dir() or subprocess.run([tools / 'python', '-V'], capture_output=True, text=True,
+                                            check=True).stdout.split()[1] != sys.version.split()[0]:
+        pytest.skip('needs scripts/test style, with the version of Python that runs the tests')
+    modules = ['.'.join(path.relative_to(root).with_suffix('').parts)
+               for path in (root / 'dbscan_reg_ros').rglob('*.pyi')]
+    options = ['--concise', '--ignore-missing-stub', '--ignore-disjoint-bases']
+    found = subprocess.run([tools / 'stubtest', *options, *modules], cwd=root, capture_output=True, text=True,
+                           env=os.environ | {'PYTHONPATH': str(root)}, timeout=300, check=False)
+    assert found.returncode == 0, found.stdout + found.stderr
+
+
 def test_style_alone_runs_no_test(checks):
     assert checks('style') == (0, ['ruff check', 'mypy'])
 
