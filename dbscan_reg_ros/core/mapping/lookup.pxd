@@ -30,7 +30,7 @@ cdef struct Hit:
 cdef class ScanLookup:
     cdef Slots slots
     cdef OrientedPoints own
-    cdef object density, subsets
+    cdef Py_ssize_t max_points
     cdef double min_cosine, x, y
     cdef Hit *hits
 

@@ -66,8 +66,8 @@ cdef class ScanLookup:
     """
 
     def __cinit__(self, Slots slots, OrientedPoints points, density):
-        self.slots, self.own, self.density = slots, points, density
-        self.min_cosine = density.min_normal_cosine
+        self.slots, self.own = slots, points
+        self.max_points, self.min_cosine = density.max_points, density.min_normal_cosine
         # One more is written, but not counted.
         self.hits = <Hit *> malloc((self.own.size + 1) * sizeof(Hit))
         if self.hits == NULL:
@@ -85,10 +85,8 @@ cdef class ScanLookup:
         cdef const Py_ssize_t[:, ::1] chosen
         cdef Correspondences found
         cdef Py_ssize_t k
-        if self.subsets is None:
-            self.subsets = look_up_subsets(high_leverage(self.own.normals_view), self.own.beams_view, self.slots.count,
-                                           self.density.max_points // SUBSETS)
-        chosen = self.subsets
+        chosen = look_up_subsets(high_leverage(self.own.normals_view), self.own.beams_view, self.slots.count,
+                                 self.max_points // SUBSETS)
         found = self.turned(pose, self.slots.count * chosen.shape[1])
         for k in range(self.slots.count):
             self.add(k, chosen[k % chosen.shape[0]], found)

@@ -3,6 +3,7 @@
 """Scan-to-map alignment: registers a scan to all key frames at once, and estimates covariance and observability."""
 import numpy as np
 
+from ..features.oriented_points import sample
 from ..geometry import tolerance
 from ..geometry.se2 import turned
 from ..registration.uncertainty import degenerate_rotation, degenerate_translation, match_covariance, shared_information
@@ -43,8 +44,9 @@ def align_to_map(window, features, initial, prior, p, coarse=None):
         Information in the frame of the scan [1/m^2, 1/rad^2]; zero where it contradicts `initial`.
     p : Parameters
     coarse : KeyFrameWindow, optional
-        Key frames with which all iterations but the last align the scan; None: those of `window`. In the last
-        iteration the others have the weights of `weighted_by_agreement`.
+        Key frames with which all iterations but the last align the scan; in this, the others have the weights of
+        `weighted_by_agreement`. None: those of `window`; unless a motion is degenerate, all iterations but two then
+        take a `sample` of dense points.
 
     Returns
     -------
@@ -53,60 +55,66 @@ def align_to_map(window, features, initial, prior, p, coarse=None):
     correspondences : Correspondences
     """
     coarse = window if coarse is None else coarse
-    points, direction = features.oriented_points, initial.direction
+    cdef double[3] motion
+    cdef Correspondences found
+    cdef OrientedPoints points = features.oriented_points, few = points
+    direction, least = initial.direction, p.degeneracy.parallel_tolerance
+    if coarse is window and direction is None and not initial.rotation_unobservable:
+        few = sample(points, p.density.max_points)
     scales, damping = p.refinement.window_scales(features.noise), p.refinement.damping
-    last = max(len(scales) - 1, 0)
+    last = max(len(scales) - (1 if few is points else 2), 0)
     noise = max(p.refinement.map_scale, features.noise)
     information = noise ** 2 * turned(prior.information, prior.pose.theta)
     pose = prior.pose if initial.rotation_unobservable else initial.pose
-    lookup = ScanLookup(coarse.slots, points, p.density)
-    found = find_correspondences(lookup, pose, direction, p)
+    found = ScanLookup(coarse.slots, few, p.density).at(pose)
+    cdef bint parallel = find_parallel(found, direction, p, motion)
+    if parallel:
+        make_parallel(found, motion, least)
     if direction is not None or initial.rotation_unobservable:
         information = strengthened(information, points, found, initial, p)
     prior = PosePrior(prior.pose, information)
     pose = align(found, pose, prior, scales[:last], damping)
     # The nearest lines of dense points change with small steps, those of sparse points hardly.
-    cell = p.density.cell_size
-    if (coarse is not window or len(points) > p.density.max_points
-            or displacement(found, pose) > MAX_DISPLACEMENT * cell):
-        if coarse is window:
-            found = find_correspondences(lookup, pose, direction, p)
-        else:
-            own, found = found, find_correspondences(ScanLookup(window.slots, points, p.density), pose, direction, p)
+    if (coarse is not window or points.size > p.density.max_points
+            or displacement(found, pose) > MAX_DISPLACEMENT * p.density.cell_size):
+        own, found = found, ScanLookup(window.slots, points, p.density).at(pose)
+        if parallel:
+            make_parallel(found, motion, least)
+        if coarse is not window:
             weighted_by_agreement(found, own, window.is_in(coarse), p.refinement.map_first_scale, noise)
     return align(found, pose, prior, scales[last:], damping), found
 
 
-cdef Correspondences find_correspondences(ScanLookup lookup, pose, direction, p):
-    """Look up correspondences; near-parallel walls count as parallel to the degenerate `direction` [rad], if any.
+cdef bint find_parallel(Correspondences found, direction, p, double *motion) except -1:
+    """Find the motion that near-parallel walls count as parallel to, if any: along the degenerate `direction` [rad].
 
     Without one, the direction that is constrained least is used, if it is weakly constrained.
     """
-    cdef Correspondences found = lookup.at(pose)
     cdef double[3] step = [0.0, 0.0, 0.0]
-    cdef double[3] motion
-    cdef double across, least, angle
     cdef Symmetric information
     cdef Equations sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     cdef Weakest weakest
-    cdef Py_ssize_t k
     found.add(step, p.refinement.map_first_scale, &sums)
     information = Symmetric(sums.xx, sums.xy, sums.xt, sums.yy, sums.yt, sums.tt)
     if direction is None:
         weakest = weakest_of(&information)
         if weakest.weak >= WELL_CONSTRAINED * weakest.strong:
-            return found
+            return False
         direction = weakest.angle
-    angle = direction
-    if not is_corridor_like(&information, angle):
-        return found
-    least = p.degeneracy.parallel_tolerance
-    write_parallel(angle, &information, p.decision.min_information, motion)
+    if not is_corridor_like(&information, direction):
+        return False
+    write_parallel(direction, &information, p.decision.min_information, motion)
+    return True
+
+
+cdef void make_parallel(Correspondences found, const double *motion, double least) noexcept nogil:
+    """Make the walls parallel that a `motion` moves across themselves by less than `least` [m]."""
+    cdef double across
+    cdef Py_ssize_t k
     for k in range(found.count):
         across = motion[0] * found.a[k] + motion[1] * found.b[k] + motion[2] * found.r[k]
         if fabs(across) < least * length_of(found.a[k], found.b[k]):
             found.a[k], found.b[k] = found.a[k] - motion[0] * across, found.b[k] - motion[1] * across
-    return found
 
 
 cdef strengthened(const double[:, ::1] information, OrientedPoints points, Correspondences found, initial, p):
