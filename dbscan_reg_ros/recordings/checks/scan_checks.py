@@ -149,7 +149,8 @@ class ScanChecks:
                                f'to {stamp / SECOND:.3f} s: expected stamps that increase; is a recording played in a '
                                'loop, was the clock set, or are there two drivers on one topic?')
         steps = len(self._stamps) - 1
-        if steps >= REPEATED and self._steps(lambda a, b: 0 < b - a < OTHER_UNIT) == steps:
+        if (steps >= REPEATED and stamp - self._stamps[0] < steps * OTHER_UNIT
+                and self._steps(lambda a, b: 0 < b - a < OTHER_UNIT) == steps):
             return ScanWarning(Kind.STAMP_UNIT, f'the stamps of the scans are {(stamp - self._stamps[0]) / steps:.6g} '
                                'ns apart: expected the time of each scan in nanoseconds; microseconds have to be '
                                'multiplied by 1000, milliseconds by 1000000')

@@ -37,6 +37,13 @@ def test_a_message_is_the_same_with_and_without_ros(updates):
             assert maker.serialize(kind, fields) == maker.store.serialize_cdr(with_ros, kind), kind
 
 
+def test_rosbags_reads_and_writes_the_bytes_of_an_empty_message_of_each_type():
+    maker = MessageMaker()
+    for kind in maker.store.fielddefs:
+        raw = maker.serialize(kind, {})
+        assert bytes(maker.store.serialize_cdr(maker.store.deserialize_cdr(raw, kind), kind)) == raw, kind
+
+
 def test_fields_that_are_not_named_have_the_defaults_of_their_type():
     maker = MessageMaker()
     message = maker.store.deserialize_cdr(maker.serialize('sensor_msgs/msg/Imu', {'header': {'frame_id': 'imu'}}),
