@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from types import MappingProxyType
+from typing import NamedTuple
 
 from ..geometry.se2 import SE2
 from ..mapping.key_frame import KeyFrame
@@ -19,7 +20,8 @@ from .models.noise_history import NoiseRatioHistory
 from .models.pose_output import PoseOutput
 from .models.propagation import CovariancePropagation
 from .models.scan_order import ScanOrder
-from .models.stamps import ScanInterval, StampFilter
+from .models.stamp_filter import StampFilter
+from .models.stamps import ScanInterval
 from .models.wheel_calibration import WheelCalibration
 
 
@@ -71,8 +73,7 @@ class LostMap:
         return _GAP_TIME if self.gap else parameters.restart_time
 
 
-@dataclass(frozen=True, eq=False)
-class Tracking:
+class Tracking(NamedTuple):
     """How well the pose is known after a scan.
 
     Attributes

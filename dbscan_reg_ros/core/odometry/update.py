@@ -103,7 +103,7 @@ def reset_velocity(state: TrackState) -> None:
 def remember_search(state: TrackState, outcome: Outcome, sensor: Sensor) -> None:
     """Store those results of an `outcome` that the next search needs."""
     unconfirmed = outcome.unconfirmed and sensor.first_at(outcome.unconfirmed)
-    state.tracking = dataclasses.replace(state.tracking, unconfirmed=unconfirmed, search_near=outcome.search_near)
+    state.tracking = state.tracking._replace(unconfirmed=unconfirmed, search_near=outcome.search_near)
 
 
 def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p: Parameters) -> OdometryUpdate:
@@ -132,8 +132,8 @@ def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p
     state.pose = pose
     frame = KeyFrame(features, sensor.pose_at(pose), number=state.output.number, sensor=sensor)
     last_scans = state.tracking.scans_with(sensor.name, frame)
-    state.tracking = dataclasses.replace(
-        state.tracking, mode=mode, lost_time=lost_time, observability=0.0, last_scans=last_scans, lost=lost)
+    state.tracking = state.tracking._replace(
+        mode=mode, lost_time=lost_time, observability=0.0, last_scans=last_scans, lost=lost)
     registration = outcome.rejected
     return report(state, features, ReportedStep(
         pose=pose, interval=interval, status=registration.status, registration=registration,
@@ -155,7 +155,7 @@ def follow(state: TrackState, outcome: Outcome, gate: Gate, p: Parameters) -> Od
     elif tracking.lost is not None:
         lost = state.lost_map_after(interval)
         kept = lost and lost.window is not state.window and lost.time <= lost.longest(p.odometry)
-        state.tracking = dataclasses.replace(tracking, lost=lost if kept else None)
+        state.tracking = tracking._replace(lost=lost if kept else None)
     assert match is not None
     return _FoundScan(state, match, gate, p).update()
 
@@ -167,8 +167,7 @@ def _begin_chain(state: TrackState, first: KeyFrame, interval: ScanInterval) -> 
     pose = first.sensor.first_at(first.pose)
     state.motion.start_moving(pose, state.motion.twist, interval.middle_offset, first.sensor.name)
     state.motion.elapse(interval.length)
-    state.tracking = dataclasses.replace(
-        state.tracking, lost_time=0.0, lost=state.lost_map_after(interval), found=pose)
+    state.tracking = state.tracking._replace(lost_time=0.0, lost=state.lost_map_after(interval), found=pose)
 
 
 def _rejoin(state: TrackState, outcome: Outcome, p: Parameters) -> None:
@@ -185,7 +184,7 @@ def _rejoin(state: TrackState, outcome: Outcome, p: Parameters) -> None:
     state.window = KeyFrameWindow(latest_frames(frames, p.odometry.window_size))
     state.pose, state.covariance = lost.pose, lost.covariance
     state.covariance.reset_twist()
-    state.tracking = dataclasses.replace(state.tracking, lost_time=0.0, lost=None, found=lost.pose)
+    state.tracking = state.tracking._replace(lost_time=0.0, lost=None, found=lost.pose)
 
 
 def _propagate(state: TrackState, pose: SE2, prior: Prior, interval: ScanInterval,
@@ -260,7 +259,7 @@ class _FoundScan:
         if added:
             state.window = state.key_frames.with_frame(frame, p.odometry.window_size, latest=due)
         last_scans = state.tracking.scans_with(self._sensor.name, None if added else frame)
-        state.tracking = dataclasses.replace(state.tracking, last_scans=last_scans)
+        state.tracking = state.tracking._replace(last_scans=last_scans)
         if added and registration.status is Status.OK and p.manhattan.heading_drift:
             self._correct_heading()
         if due:
@@ -287,8 +286,8 @@ class _FoundScan:
         elif external is not None and not predictions.interval.gap:
             state.wheels.learn(sensor.first_prior(external), motion, min(state.tracking.observability, observability),
                                distance, self._gate.supports_external(sensor.pose_at(state.pose)))
-        state.tracking = dataclasses.replace(
-            state.tracking, mode=Mode.TRACKING, lost_time=0.0, observability=observability,
+        state.tracking = state.tracking._replace(
+            mode=Mode.TRACKING, lost_time=0.0, observability=observability,
             score=self._match.registration.score, found=state.pose)
 
 

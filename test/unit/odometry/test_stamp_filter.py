@@ -2,7 +2,7 @@
 """Intervals between scans from their stamps."""
 import pytest
 
-from dbscan_reg_ros.core.odometry.models.stamps import StampFilter
+from dbscan_reg_ros.core.odometry.models.stamp_filter import StampFilter
 from dbscan_reg_ros.core.parameters.odometry import TimeParameters
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.models.zero_velocity import ZeroVelocityUpdate
+from dbscan_reg_ros.core.odometry.models.pose_output import ZeroVelocityUpdate
 
 COVARIANCE = np.diag([0.01, 0.02, 0.005]) ** 2
 LIMIT = 3.0

@@ -213,7 +213,7 @@ cdef class CovariancePropagation:
         if self._joint[6][6] + self._joint[7][7] + self._joint[8][8] <= 1.0:
             return
         variance, directions = np.linalg.eigh(self.twist)
-        if variance[-1] > 1.0:
+        if variance[2] > 1.0:
             twist_scale = directions / np.sqrt(np.maximum(variance, 1.0)) @ directions.T
             for i in range(9):
                 for k in range(9):
@@ -237,7 +237,7 @@ cdef class CovariancePropagation:
         covariance = self.twist
         cdef double[:, ::1] entry = covariance
         if entry[0, 0] + entry[1, 1] + entry[2, 2] + most > 1.0:
-            share = min(max(1.0 - np.linalg.eigvalsh(covariance)[-1], 0.0) / max(most, <double> TINY), 1.0)
+            share = min(max(1.0 - np.linalg.eigvalsh(covariance)[2], 0.0) / max(most, <double> TINY), 1.0)
         for k in range(3):
             entry[k, k] += share * added[k]
         return with_resolution(covariance)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scans of several sensors: the last one of each, and the intervals between them."""
 from ...parameters.odometry import TimeParameters
-from .stamps import ScanInterval, StampFilter
+from .stamp_filter import StampFilter
+from .stamps import ScanInterval
 
 class ScanOrder:
     def __init__(self) -> None: ...

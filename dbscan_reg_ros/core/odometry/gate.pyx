@@ -1,28 +1,36 @@
 # SPDX-License-Identifier: Apache-2.0
+# cython: language_level=3, binding=True, cdivision=True
 """Mahalanobis gate: decides whether the result of a registration is accepted."""
 import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..geometry.se2 import DOF, RIGHT_ANGLE, SE2
+from ..geometry.se2 import DOF, RIGHT_ANGLE
 from ..geometry.symmetric_matrix import IDENTITY, inverse, mahalanobis
 from ..geometry.tolerance import SIGMAS, TINY
-from ..parameters.tree import Parameters
 from ..registration.confidence.model import LIKELY
-from ..registration.records import Prior, Registration, Status
+from ..registration.records import Status
 from ..registration.status import demoted_if_weak, observability_ratio
-from ..sensor import FIRST, Sensor
+from ..sensor import FIRST
 from .models.covariance import unknown_motion_covariance
-from .models.stamps import ScanInterval
-from .models.wheel_calibration import WheelCalibration
-from .prediction import Predictions
-from .state import Mode, Tracking
+from .state import Mode
 from .verdict import Decision, Reason, Verdict
 
+from ..geometry.se2 cimport SE2
 
-class Gate:
+cdef:
+    double INFORMATION_RATIO = 0.5
+    # A degenerate result can replace another one only if it is constrained by at least this fraction of its points.
+    double MIN_TIME = 0.01
+    # Least time [s] for which a difference between motion and prediction is allowed.
+    double RECENT_SCORE_RATIO = 0.55
+    # A result outside the gates has to reach at least this ratio of the last score, if that is recent.
+    double WEAK_PRIOR_RATIO = 0.7
+    # Ratio of `prior.gate` within which a result that is not ``OK`` is accepted after a weak prior.
+
+
+cdef class Gate:
     """Mahalanobis gates around the predictions for one scan.
 
     Parameters
@@ -39,12 +47,17 @@ class Gate:
     ----------
     predictions : Predictions
         Predictions for the `sensor` of the scan.
-    sensor : Sensor
     weak_prior : bool
         Whether the best prediction is too uncertain to distinguish repeated structures.
     """
 
-    def __init__(self, predictions: Predictions, tracking: Tracking, parameters: Parameters, sensor: Sensor = FIRST):
+    cdef readonly object predictions, sensor
+    cdef readonly bint weak_prior
+    cdef object _given, _tracking, _parameters, _found, _unconfirmed
+    cdef double _time_since_found
+    cdef bint _wheels_slip
+
+    def __init__(self, predictions, tracking, parameters, sensor=FIRST):
         self._given, predictions = predictions, predictions.of(sensor)
         self.predictions, self._tracking, self._parameters, self.sensor = predictions, tracking, parameters, sensor
         found, unconfirmed = tracking.found, tracking.unconfirmed
@@ -58,21 +71,21 @@ class Gate:
         self._wheels_slip = (predictions.external is not None
                              and not self._within(best.pose, motion.pose, motion.prior.covariance))
 
-    def without_wheels(self) -> 'Gate | None':
+    def without_wheels(self):
         """Return the gate by the motion model alone if `prior.acceleration` does not explain the wheels; else None."""
         given, change = self._given, self._given.motion.prior.velocity_change
-        if given.external is None or change is None or _squared_distance(
+        if given.external is None or change is None or squared_distance(
                 given.best.pose, given.motion.pose, given.best.prior.covariance + change) < SIGMAS ** 2:
             return None
         alone = dataclasses.replace(given, best=given.motion, external=None, contradicted=given.external)
         return Gate(alone, self._tracking, self._parameters, self.sensor)
 
-    def after(self, interval: ScanInterval) -> 'Gate':
+    def after(self, interval):
         """Return the same gate with another `interval` since the last scan."""
         given = dataclasses.replace(self._given, interval=interval)
         return Gate(given, self._tracking, self._parameters, self.sensor)
 
-    def check(self, pose: SE2, registration: Registration, has_tentative: bool = False) -> Verdict:
+    def check(self, pose, registration, has_tentative=False):
         """Decide whether the result of a registration is accepted.
 
         Parameters
@@ -98,8 +111,7 @@ class Gate:
             return self._check_outlier(pose, registration.score)
         return Verdict(Decision.REJECT, Reason.UNRELIABLE)
 
-    def check_scan_before(self, before: SE2, pose: SE2, registration: Registration,
-                          tentative: Registration | None = None) -> Verdict:
+    def check_scan_before(self, before, pose, registration, tentative=None):
         """Decide on a scan registered without a prediction to the previous scan, whose pose is `before`.
 
         If the prediction is weak, this result may replace a `tentative` result, which depends on the prediction.
@@ -118,7 +130,7 @@ class Gate:
             return Verdict(Decision.REJECT, Reason.POOR_SCORE)
         return Verdict(Decision.ACCEPT, Reason.SCAN_BEFORE)
 
-    def _is_likely(self, pose: SE2, registration: Registration, tentative: Registration | None) -> bool:
+    cdef bint _is_likely(self, pose, registration, tentative):
         """Whether a result without a prediction is more likely than the `tentative` result, if there is one.
 
         The confidence of a degenerate result does not cover the degenerate direction. Such a result can replace only a
@@ -134,11 +146,10 @@ class Gate:
             return not degenerate
         if tentative.status is not Status.DEGENERATE:
             return registration.confidence > tentative.confidence
-        least = _INFORMATION_RATIO * (tentative.weakest_information or 0.0)
+        least = INFORMATION_RATIO * (tentative.weakest_information or 0.0)
         return not degenerate or (registration.weakest_information or 0.0) >= least
 
-    def check_lost_map(self, expected: SE2, covariance: NDArray[np.float64], pose: SE2,
-                       registration: Registration) -> Verdict:
+    def check_lost_map(self, expected, covariance, pose, registration):
         """Decide on a scan registered to the map before a loss; its `expected` pose has a `covariance` ``(3, 3)``."""
         if registration.status is not Status.OK:
             return Verdict(Decision.REJECT, Reason.FAILED)
@@ -146,28 +157,27 @@ class Gate:
             return Verdict(Decision.REJECT, Reason.UNRELIABLE)
         return Verdict(Decision.ACCEPT, Reason.REJOINED)
 
-    def _exceeded_limit(self, found: SE2 | None, pose: SE2, time: float) -> Reason | None:
+    cdef _exceeded_limit(self, SE2 found, SE2 pose, double time):
         """Return which limit (speed or turn rate) is exceeded by the motion from `found` to `pose` in a `time` [s]."""
         p, time = self._parameters, max(time, self.predictions.unconstrained_time)
         if found is None or time <= 0.0:
             return None
         motion = found.inverse() @ pose
-        if math.hypot(motion.x, motion.y) > p.odometry.max_speed * time + self._gate_at_rest:
+        if math.hypot(motion.x, motion.y) > p.odometry.max_speed * time + self._gate_at_rest():
             return Reason.TOO_FAST
-        limit = p.odometry.max_turn_rate * time + self._gate_at_rest
+        limit = p.odometry.max_turn_rate * time + self._gate_at_rest()
         return Reason.TURNS_TOO_FAST if abs(motion.theta) > limit else None
 
-    @property
-    def _gate_at_rest(self) -> float:
-        """The gate [m] or [rad] around the prediction for a sensor at rest."""
+    cdef double _gate_at_rest(self):
+        """Return the gate [m] or [rad] around the prediction for a sensor at rest."""
         return self._parameters.prior.gate * self._parameters.prior.min_sigma
 
-    def _scores_poorly(self, score: float) -> bool:
+    cdef bint _scores_poorly(self, score):
         """Whether `score` is much lower than that of the last registered scan; less strict the older that scan is."""
         recent = max(1.0 - self._time_since_found / max(self._parameters.odometry.coast_time, TINY), 0.0)
-        return score < _RECENT_SCORE_RATIO * recent * self._tracking.score
+        return score < RECENT_SCORE_RATIO * recent * self._tracking.score
 
-    def _check_outlier(self, pose: SE2, score: float) -> Verdict:
+    cdef _check_outlier(self, pose, score):
         """Decide whether a reliable result outside the gates is accepted; the pose then jumps."""
         if self._scores_poorly(score):
             return Verdict(Decision.REJECT, Reason.POOR_SCORE)
@@ -180,7 +190,7 @@ class Gate:
             return Verdict(Decision.ACCEPT, Reason.CONFIRMED)
         return Verdict(Decision.REJECT, Reason.UNCONFIRMED)
 
-    def asks_for_search_within(self, pose: SE2, registration: Registration) -> bool:
+    def asks_for_search_within(self, pose, registration):
         """Whether to search again inside the gate, as the result is not ``OK`` and outside it (symmetric corridors)."""
         best, motion = self.predictions.best, self.predictions.motion
         return (registration.status not in (Status.OK, Status.FAILED)
@@ -189,7 +199,7 @@ class Gate:
                 and not self._within(pose, best.pose, best.gate_covariance)
                 and not self._within(pose, motion.pose, motion.gate_covariance))
 
-    def used_prior(self, pose: SE2, wheels: WheelCalibration) -> Prior:
+    def used_prior(self, pose, wheels):
         """Return the best prior, with the covariance reduced by the wheel calibration if a match at `pose` fits it."""
         best = self.predictions.best
         if self.predictions.external is None:
@@ -197,31 +207,31 @@ class Gate:
         tightened = self.sensor.prior_of(wheels.tightened(self.sensor.first_prior(best.prior)))
         return tightened if self._within(pose, best.pose, tightened.covariance) else best.prior
 
-    def prior_information(self, pose: SE2, prior: Prior) -> NDArray[np.float64]:
+    def prior_information(self, pose, prior):
         """Return the information ``(3, 3)`` of a `prior`; 0 if a match at `pose` contradicts the prior."""
         if self._within(pose, self.predictions.best.pose, prior.covariance):
             return inverse(prior.covariance)
         return np.zeros((DOF, DOF))
 
-    def motion_information(self, prior: Prior) -> NDArray[np.float64]:
+    def motion_information(self, prior):
         """Return the information ``(3, 3)`` of a motion that differs from the `prior` by about 1 m/s and 1 rad/s."""
-        return inverse(prior.covariance + max(self._time_since_found, _MIN_TIME) ** 2 * IDENTITY)
+        return inverse(prior.covariance + max(self._time_since_found, MIN_TIME) ** 2 * IDENTITY)
 
-    def supports_external(self, pose: SE2) -> bool:
+    def supports_external(self, pose):
         """Whether the final `pose` of a scan agrees with the external prior, so that its errors can be estimated."""
         external = self.predictions.external
         return (external is not None and not self.predictions.interval.gap
                 and self._within(pose, self.predictions.best.pose, external.covariance))
 
-    def starts_in_motion(self, pose: SE2, registration: Registration, start: SE2) -> bool:
+    def starts_in_motion(self, pose, registration, start):
         """Whether the second scan of a track, found at `pose`, proves a motion since the `start`."""
         interval = self.predictions.interval
         if registration.status is not Status.OK or interval.gap or interval.length <= 0.0:
             return False
         gate = self._parameters.odometry.zero_velocity_gate
-        return _squared_distance(pose, start, registration.covariance) > gate ** 2
+        return squared_distance(pose, start, registration.covariance) > gate ** 2
 
-    def is_correction(self, pose: SE2, verdict: Verdict) -> bool:
+    def is_correction(self, pose, verdict):
         """Whether the displacement to a result is no motion, but the correction of a wrong or merely predicted pose.
 
         This holds for a scan registered to the map before a loss, for an outlier after a loss, and for a result that
@@ -231,7 +241,7 @@ class Gate:
             return True
         return verdict.reason is not Reason.WITHIN_GATE and self._leaps(pose)
 
-    def _leaps(self, pose: SE2) -> bool:
+    cdef bint _leaps(self, SE2 pose):
         """Whether a result differs from a prediction that is not weak by more than 1 m/s.
 
         Scans of different sensors may have the same stamp: there the gate of a prediction without motion is allowed.
@@ -239,11 +249,10 @@ class Gate:
         if self.weak_prior or self._tracking.mode is Mode.STARTING:
             return False
         change = self.predictions.best.pose.inverse() @ pose
-        allowed = self._gate_at_rest if self.predictions.interval.of_others else 0.0
+        allowed = self._gate_at_rest() if self.predictions.interval.of_others else 0.0
         return math.hypot(change.x, change.y) > max(self._time_since_found, allowed)
 
-    def demoted(self, pose: SE2, registration: Registration, verdict: Verdict,
-                chained: Reason | None) -> Registration:
+    def demoted(self, pose, registration, verdict, chained):
         """Return the registration with its status lowered from ``OK`` if pose or motion are not reliable.
 
         The status is lowered in three cases: few points constrain the motion and the prediction is weak; the result is
@@ -255,14 +264,14 @@ class Gate:
         reason = chained or verdict.reason
         return dataclasses.replace(registration, status=Status.AMBIGUOUS, reason=reason.value)
 
-    def _near_prediction(self, pose: SE2, registration: Registration) -> bool:
+    cdef bint _near_prediction(self, pose, registration):
         """Whether `pose` is within the gate around the best prediction or around that of the motion model.
 
         Corridors are symmetric: after a weak prior, a result that is not ``OK`` has to lie within 0.7 of the gate.
         A result that few points constrain does not override the wheels, unless the wheels seem to slip.
         """
         best, motion = self.predictions.best, self.predictions.motion
-        ratio = _WEAK_PRIOR_RATIO if self.weak_prior and registration.status is not Status.OK else 1.0
+        ratio = WEAK_PRIOR_RATIO if self.weak_prior and registration.status is not Status.OK else 1.0
         if self._within(pose, best.pose, best.gate_covariance, ratio):
             return True
         reliable = self._is_reliable(registration)
@@ -270,7 +279,7 @@ class Gate:
             return False
         return self._within(pose, motion.pose, motion.gate_covariance if reliable else motion.prior.covariance, ratio)
 
-    def _is_reliable(self, registration: Registration) -> bool:
+    cdef bint _is_reliable(self, registration):
         """Whether a result may override the prediction.
 
         It may if many points constrain the result, if there is no external prior, or if tracking has been lost for
@@ -280,21 +289,12 @@ class Gate:
         return (self.predictions.external is None or observability_ratio(registration, p.decision) == 1.0
                 or self._tracking.lost_time > p.odometry.coast_time)
 
-    def _within(self, pose: SE2, predicted: SE2, covariance: NDArray[np.float64], ratio: float = 1.0) -> bool:
+    cdef bint _within(self, SE2 pose, SE2 predicted, covariance, double ratio=1.0):
         """Whether the Mahalanobis distance of `pose` from a `predicted` pose is at most a `ratio` of `prior.gate`."""
-        return _squared_distance(pose, predicted, covariance) <= (ratio * self._parameters.prior.gate) ** 2
+        return squared_distance(pose, predicted, covariance) <= (ratio * self._parameters.prior.gate) ** 2
 
 
-def _squared_distance(pose: SE2, reference: SE2, covariance: NDArray[np.float64]) -> float:
+cdef double squared_distance(SE2 pose, SE2 reference, covariance):
     """Return the squared Mahalanobis distance of `pose` from a `reference` pose, in the frame of the reference."""
-    return mahalanobis((reference.inverse() @ pose).as_tuple(), covariance)
-
-
-_INFORMATION_RATIO = 0.5
-"""A degenerate result can replace another one only if it is constrained by at least this fraction of its points."""
-_MIN_TIME = 0.01
-"""Least time [s] for which a difference between motion and prediction is allowed."""
-_RECENT_SCORE_RATIO = 0.55
-"""A result outside the gates has to reach at least this ratio of the last score, if that is recent."""
-_WEAK_PRIOR_RATIO = 0.7
-"""Ratio of `prior.gate` within which a result that is not ``OK`` is accepted after a weak prior."""
+    cdef SE2 offset = reference.inverse() @ pose
+    return mahalanobis((offset.x, offset.y, offset.theta), covariance)
