@@ -2,11 +2,15 @@
 # cython: language_level=3, wraparound=False, cdivision=True
 """Order statistics, stable sorting, and choices that rounding errors do not decide (`tolerance`)."""
 from libc.math cimport INFINITY, fabs
+from libc.stdint cimport uint32_t, uint64_t
+from libc.string cimport memcpy, memset
 
 
 cdef enum:
     # The inverse of `tolerance.ROUNDING`.
     INVERSE_ROUNDING = 100_000_000_000
+    # More keys than this are sorted by their bytes first.
+    MANY = 48
 
 
 cdef inline double order_statistic(double[::1] values, Py_ssize_t size, Py_ssize_t rank) except? -1.0 nogil:
@@ -33,32 +37,61 @@ cdef inline double order_statistic(double[::1] values, Py_ssize_t size, Py_ssize
 
 
 cdef inline int sort_stably(const double[::1] keys, Py_ssize_t[::1] order, Py_ssize_t[::1] scratch) except -1 nogil:
-    """Write the stable ascending order of the `keys` to `order` (merge sort, bottom up)."""
-    cdef Py_ssize_t size = keys.shape[0], width = 1, k, i, j, middle, end, start
-    for k in range(size):
-        order[k] = k
-    while width < size:
-        start = 0
-        while start < size:
-            middle, end = min(start + width, size), min(start + 2 * width, size)
-            i, j = start, middle
-            if middle == end or keys[order[middle - 1]] <= keys[order[middle]]:
-                for k in range(start, end):
-                    scratch[k] = order[k]
-                start += 2 * width
-                continue
-            for k in range(start, end):
-                if i < middle and (j >= end or keys[order[i]] <= keys[order[j]]):
-                    scratch[k] = order[i]
-                    i += 1
-                else:
-                    scratch[k] = order[j]
-                    j += 1
-            start += 2 * width
+    """Write the stable ascending order of the `keys` to `order`.
+
+    Where there are many, they are sorted by the bytes of their upper halves first (radix sort), so that the insertion
+    sort has only neighbours left to exchange.
+    """
+    cdef Py_ssize_t size = keys.shape[0], k, at, moved
+    if not (order.shape[0] >= size and scratch.shape[0] >= size):
+        raise IndexError('too little room for an order')
+    if size == 0:
+        return 0
+    if size > MANY:
+        sort_by_bytes(&keys[0], size, &order[0], &scratch[0])
+    else:
         for k in range(size):
-            order[k] = scratch[k]
-        width *= 2
+            order[k] = k
+    for k in range(1, size):
+        at, moved = k, order[k]
+        while at > 0 and keys[order[at - 1]] > keys[moved]:
+            order[at] = order[at - 1]
+            at -= 1
+        order[at] = moved
     return 0
+
+
+cdef inline void sort_by_bytes(const double *keys, Py_ssize_t size, Py_ssize_t *order, Py_ssize_t *scratch) noexcept nogil:
+    """Write the stable order of the upper halves of the bits of numbers, from the least byte to the greatest."""
+    cdef Py_ssize_t[4][256] start
+    cdef Py_ssize_t k, at, byte, count, total
+    cdef uint32_t bits
+    memset(start, 0, sizeof(start))
+    for k in range(size):
+        bits = upper_bits(keys[k])
+        for byte in range(4):
+            start[byte][bits >> 8 * byte & 255] += 1
+    for byte in range(4):
+        total = 0
+        for k in range(256):
+            count, start[byte][k] = start[byte][k], total
+            total += count
+    for byte in range(4):
+        for k in range(size):
+            at = order[k] if byte else k
+            bits = upper_bits(keys[at]) >> 8 * byte & 255
+            scratch[start[byte][bits]] = at
+            start[byte][bits] += 1
+        order, scratch = scratch, order
+
+
+cdef inline uint32_t upper_bits(double value) noexcept nogil:
+    """Return the upper half of the bits of a number, changed so that they are in the order of the numbers."""
+    cdef uint64_t bits
+    # Both zeros are one number.
+    value += 0.0
+    memcpy(&bits, &value, sizeof(bits))
+    return <uint32_t> ((~bits if bits >> 63 else bits | <uint64_t> 1 << 63) >> 32)
 
 
 cdef inline bint is_larger(double value, double other) noexcept nogil:

@@ -5,7 +5,7 @@ import numpy as np
 
 from ..hypotheses import Rotations
 
-from libc.math cimport M_PI
+from libc.math cimport INFINITY, M_PI
 
 from ...geometry.ordering cimport first_largest, sort_stably, sort_up_to_rounding
 from ...geometry.plane cimport wrap, wrapped
@@ -59,7 +59,7 @@ cdef class RotationClusters:
 cdef RotationClusters cluster_rotations(SegmentViews reference, SegmentViews current, const double[::1] weights,
                                         parameters):
     """Cluster all angle differences (Eq. 9) [rad] with DBSCAN; the heaviest clusters are the hypotheses."""
-    cdef Py_ssize_t n = reference.size, m = current.size, size = n * m, i, j
+    cdef Py_ssize_t n = reference.size, m = current.size, size = n * m, i, j, k
     cdef double period = 2.0 * M_PI
     cdef RotationClusters found = RotationClusters.__new__(RotationClusters)
     # Clusters that are clustered again keep their numbers: there are at most twice as many as samples.
@@ -69,12 +69,13 @@ cdef RotationClusters cluster_rotations(SegmentViews reference, SegmentViews cur
     cdef Py_ssize_t[::1] order = index[0, :size], labels = index[1, :size]
     for i in range(n):
         for j in range(m):
-            # Eq. 9
-            samples[i * m + j] = wrapped(reference.direction[i] - current.direction[j], period)
+            samples[i * m + j] = wrapped(reference.direction[i] - current.direction[j], period)  # Eq. 9
     sort_stably(samples, order, labels)
     found.difference, found.eps = samples, parameters.eps
     if found.eps == 0.0 and size:
-        found.eps = min(max(knee_of(k_distances(samples, max(<Py_ssize_t> parameters.min_samples - 1, 1))),
+        for k in range(size):
+            number[1, k] = samples[order[k]]
+        found.eps = min(max(knee_of(ascending_k_distances(number[1, :size], max(parameters.min_samples - 1, 1))),
                             <double> parameters.eps_min), <double> parameters.eps_max)
     cluster_angles(samples, order, labels, period, found.eps, parameters.min_samples, parameters.max_width)
     rank_rotations(found, weights, labels, period, parameters.max_hypotheses, number[1:], index[2:])
@@ -91,8 +92,7 @@ cdef int rank_rotations(RotationClusters found, const double[::1] sample_weight,
     for k in range(size):
         clusters = max(clusters, labels[k] + 1)
     for at in range(clusters):
-        total[0, at] = total[1, at] = total[2, at] = 0.0
-        used[at] = 0
+        total[0, at], total[1, at], total[2, at], used[at] = 0.0, 0.0, 0.0, 0
     for k in range(size):
         at = labels[k]
         if at != NOISE:
@@ -117,35 +117,38 @@ cdef int rank_rotations(RotationClusters found, const double[::1] sample_weight,
     return 0
 
 
-def k_distances(samples, Py_ssize_t k):
+def k_distances(samples, k):
     """Return the k-dist graph ``(N,)`` of numbers ``(N,)``: the distance of each to its k-th neighbour, largest first.
 
     A `k` above N - 1 counts as N - 1.
     """
-    cdef const double[::1] values = np.sort(samples)
-    distances = np.full(values.shape[0], np.inf)
-    cdef double[::1] graph = distances
+    return ascending_k_distances(np.sort(samples), k)[::-1]
+
+
+cdef ascending_k_distances(const double[::1] values, Py_ssize_t k):
+    """Return the `k_distances` of ascending numbers, the largest last."""
     cdef Py_ssize_t size = values.shape[0], i, first
+    distances = np.empty(size)
+    cdef double[::1] graph = distances
     k = min(k, size - 1)
     for i in range(size):
+        graph[i] = INFINITY
         # The k nearest and the sample itself are k + 1 in a row.
         for first in range(max(i - k, 0), min(i, size - 1 - k) + 1):
             graph[i] = min(graph[i], max(values[i] - values[first], values[first + k] - values[i]))
     distances.sort()
-    return distances[::-1]
+    return distances
 
 
-cdef double knee_of(distances) except? -1.0:
-    """Return the knee of a k-dist graph: the distance that lies farthest below the chord between its ends."""
-    cdef const double[:] graph = distances
-    cdef Py_ssize_t size = graph.shape[0], k
-    if size < 3 or graph[0] <= graph[size - 1]:
-        return graph[size - 1]
-    cdef double slope = (graph[size - 1] - graph[0]) / <double> (size - 1)
-    cdef double[::1] off = np.empty(size)
-    for k in range(size):
-        off[k] = graph[0] + k * slope - graph[k]
-    return graph[first_largest(off)]
+cdef double knee_of(const double[::1] graph) except? -1.0:
+    """Return the knee of an ascending k-dist graph: the distance that lies farthest below the chord between its ends."""
+    cdef Py_ssize_t last = graph.shape[0] - 1, k
+    if last < 2 or graph[last] <= graph[0]:
+        return graph[0]
+    cdef double[::1] off = np.empty(last + 1)
+    for k in range(last + 1):
+        off[k] = graph[last] + k * ((graph[0] - graph[last]) / <double> last) - graph[last - k]
+    return graph[last - first_largest(off)]
 
 
 def dbscan_circle(samples, double eps, Py_ssize_t min_samples, double period):
