@@ -55,11 +55,8 @@ cdef class NoReturn:
     cdef readonly object known
     # `Evidence` for each value [m].
     cdef dict _evidence
-    # Ranges of the last scan.
+    # Ranges of the last scan; None before the first.
     cdef object _last
-
-    def __init__(self):
-        self._evidence, self._last = {}, np.empty(0, dtype=np.float32)
 
     def add(self, ranges, double range_max, double angle_increment):
         """Add a scan.
@@ -78,6 +75,8 @@ cdef class NoReturn:
         """
         ranges, last = np.asarray(ranges, dtype=np.float32), self._last
         self._last = ranges
+        if last is None:
+            self._evidence = {}
         shared = shared_range(ranges, range_max if range_max > 0.0 else INFINITY, angle_increment)
         if shared is not None:
             value, impossible = shared
@@ -111,8 +110,8 @@ cdef class NoReturn:
 
 cdef bint has_changed(last, ranges, double shared, bint impossible):
     """Whether enough of the ranges that are not `shared` differ from those of the last scan, by motion or by noise."""
-    if len(last) != len(ranges):
-        return len(last) > 0
+    if last is None or len(last) != len(ranges):
+        return last is not None
     value = np.float32(shared)
     others = np.isfinite(ranges) & (ranges != value) & (last != value)
     equal = EQUAL_IMPOSSIBLE if impossible else EQUAL

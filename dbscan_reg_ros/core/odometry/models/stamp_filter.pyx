@@ -60,9 +60,6 @@ cdef class StampFilter:
     cdef SE2 _middle
     cdef Alternative _by_stamps, _regular
 
-    def __init__(self):
-        self._between = []
-
     def timing(self, scan, parameters, double since_last):
         """Return how long a `scan` takes, and store its duration as `duration`.
 
@@ -93,6 +90,7 @@ cdef class StampFilter:
         cdef bint steady, jumps = self.jumps(stamp, parameters)
         last, self._last = self._last, stamp
         if last is None:
+            self._between = []
             return ScanInterval(0.0, 0.0, middle_offset)
         elapsed = seconds(stamp - last)
         usual = median(self._between) if jumps and self._between else parameters.max_jump
