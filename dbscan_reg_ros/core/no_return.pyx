@@ -160,7 +160,7 @@ cdef with_repeated_end(const float[:] ranges, float range_max):
             with gil:
                 return None
         first = max(count - <Py_ssize_t> (STRAY * count) - FEWEST, 0)
-        order_statistic(found, count, first)
+        order_statistic(&found[0], count, first)
     np.asarray(found[first:count]).sort()
     for k in range(first, count - FEWEST + 1):
         if found[k] == found[k + FEWEST - 1]:

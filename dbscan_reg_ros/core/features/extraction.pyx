@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Extraction of the features of a scan (sections 2.1 and 2.2)."""
 import numpy as np
 
@@ -7,15 +7,17 @@ from ..errors import ScanError
 from ..parameters.tree import Parameters
 
 from libc.math cimport isfinite
+from libc.string cimport memcpy
 
-from ..geometry.plane cimport modulus
-from .noise cimport estimate_noise, write_range_noise
+from ..geometry.plane cimport length_of
+from .noise cimport noise_of, write_range_noise
 from .poles cimport with_poles
 from .records cimport Features, Segments
 from .returns cimport Returns
 from .ring_band cimport filter_points
 from .segments cimport extract_segments
-from .surfaces cimport BreakLimits, break_limits, fit_normals, mark_breaks, sum_moments
+from .surfaces cimport (BreakLimits, NormalLimits, Surfaces, break_limits, fit_normals, mark_breaks, normal_limits,
+                        room_of, sum_moments, surfaces_in)
 
 _DEFAULTS = Parameters()
 
@@ -45,40 +47,48 @@ def extract_from_returns(Returns returns, parameters, double noise_ratio, double
 
     Small objects without normals, smaller than `pole_size` [m], become poles.
     """
-    filtered = np.array(returns.places)
-    filter_points(filtered, returns.noise, parameters.filter, np.zeros(filtered.shape[0], np.intp))
-    # The points that are left, their ranges and their beams.
-    cdef const double complex[::1] place = filtered
-    cdef Py_ssize_t size = 0, k, at = 0
-    for k in range(place.shape[0]):
-        size += isfinite(place[k].real)
+    cdef Py_ssize_t beams = returns.place.shape[1], size = 0, k
+    # The block of the surfaces, and the noise of each range.
+    cdef double[::1] block = np.empty(room_of(beams) + beams)
+    cdef Surfaces surfaces = surfaces_in(&block[0], beams)
+    cdef double *noise = &block[room_of(beams)]
+    cdef Py_ssize_t[::1] outcome = np.empty(beams, np.intp)
+    memcpy(surfaces.x, &returns.place[0, 0], 2 * beams * sizeof(double))
+    filter_points(surfaces.x, surfaces.y, beams, returns.noise, parameters.filter, &outcome[0])
+    for k in range(beams):
+        size += isfinite(surfaces.x[k])
     if size < parameters.scan.min_returns:
         raise ScanError(f'{size} returns remain after the ring band filter; advanced.scan.min_returns asks for '
                         f'{parameters.scan.min_returns}')
-    vectors, beams, breaks = np.empty((2, size), complex), np.empty(size, np.intp), np.empty(size - 1, bool)
-    cdef double complex[::1] point = vectors[0], normal = vectors[1]
-    cdef double[:, ::1] moments = np.empty((5, size + 1)), work = np.empty((2, size))
-    cdef double[::1] radius = work[0], noise = work[1]
-    cdef Py_ssize_t[::1] beam = beams
-    for k in range(place.shape[0]):
-        if isfinite(place[k].real):
-            point[at], radius[at], beam[at] = place[k], modulus(place[k]), k
-            at += 1
+    # The points that are left, their ranges and their beams.
+    vectors, numbers, breaks = np.empty((2, size, 2)), np.empty(size, np.intp), np.empty(size - 1, bool)
+    cdef double[:, :, ::1] vector = vectors
+    cdef Py_ssize_t[::1] beam = numbers
+    cdef unsigned char[::1] broken = breaks
+    surfaces.size, surfaces.beam, surfaces.breaks = 0, &beam[0], &broken[0]
+    for k in range(beams):
+        if isfinite(surfaces.x[k]):
+            beam[surfaces.size] = k
+            surfaces.x[surfaces.size], surfaces.y[surfaces.size] = surfaces.x[k], surfaces.y[k]
+            surfaces.size += 1
+    for k in range(size):
+        vector[0, k, 0], vector[0, k, 1] = surfaces.x[k], surfaces.y[k]
+        surfaces.radius[k] = length_of(surfaces.x[k], surfaces.y[k])
     # Before the filter, outliers count as noise. Corners must stand out from this noise, normals and breaks need not.
     cdef double left = returns.noise
     if size < returns.count:
-        left = min(left, estimate_noise(radius, parameters.scan))
+        left = min(left, noise_of(surfaces.radius, size, parameters.scan, surfaces.work))
     increment = returns.scan.geometry.angle_increment
-    cdef BreakLimits limits = break_limits(increment, left, parameters.segments)
-    mark_breaks(point, beam, &limits, breaks)
-    sum_moments(point, moments)
-    write_range_noise(radius, left, noise_ratio, noise)
-    fit_normals(point, breaks, moments, noise, increment, parameters.segments, normal)
-    write_range_noise(radius, returns.noise, noise_ratio, noise)
-    cdef Segments segments = extract_segments(point, breaks, moments, radius, beam, noise, parameters.segments)
+    cdef BreakLimits break_limit = break_limits(increment, left, parameters.segments)
+    cdef NormalLimits normal_limit = normal_limits(increment, parameters.segments)
+    mark_breaks(&surfaces, &break_limit)
+    sum_moments(&surfaces)
+    write_range_noise(surfaces.radius, size, left, noise_ratio, noise)
+    fit_normals(&surfaces, noise, &normal_limit, &vector[1, 0, 0])
+    write_range_noise(surfaces.radius, size, returns.noise, noise_ratio, noise)
+    cdef Segments segments = extract_segments(&surfaces, noise, parameters.segments)
     if increment < 0.0:
         segments = segments.reversed()
-    pairs = vectors.view(float).reshape(2, size, 2)
-    features = Features(returns.scan, pairs[0], beams, breaks, pairs[1], segments, left, parameters.density, noise_ratio,
-                        twist=returns.twist)
+    features = Features(returns.scan, vectors[0], numbers, breaks, vectors[1], segments, left, parameters.density,
+                        noise_ratio, twist=returns.twist)
     return with_poles(features, pole_size, parameters.segments) if pole_size else features

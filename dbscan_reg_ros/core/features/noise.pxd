@@ -2,7 +2,8 @@
 # cython: language_level=3
 cdef double TYPICAL
 
-cpdef double estimate_noise(const double[::1] ranges, limits) except -1.0
-cpdef double estimate_noise_ratio(const double complex[::1] points, const double[::1] ranges,
-                                  const Py_ssize_t[::1] beams, limits) except -1.0
-cdef int write_range_noise(const double[::1] radius, double noise, double ratio, double[::1] result) except -1 nogil
+cdef double noise_of(const double *radius, Py_ssize_t size, limits, double *bend) except -1.0
+cdef double noise_ratio_of(const double *x, const double *y, const double *ranges, Py_ssize_t size,
+                           limits) except -1.0
+cdef void write_range_noise(const double *radius, Py_ssize_t size, double noise, double ratio,
+                            double *result) noexcept nogil

@@ -56,7 +56,8 @@ cdef int unroll(Features features, Ring *ring, BreakLimits *limits, double compl
             broken[k] = breaks[at] if at < breaks.shape[0] else 0
         if start:
             last = ring.size - 1 - start
-            broken[last] = is_break(points[last], points[last + 1], beams[last + 1] - beams[last], limits)
+            broken[last] = is_break(distance(points[last + 1], points[last]), beams[last + 1] - beams[last],
+                                    min(modulus(points[last + 1]), modulus(points[last])), limits)
     return 0
 
 

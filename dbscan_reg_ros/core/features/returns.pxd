@@ -4,8 +4,6 @@ cdef class Returns:
     cdef readonly object scan
     cdef readonly double noise
     cdef object limits, twist
-    # Points of all beams (N,) complex; ranges and beams of the returns, and their number.
-    cdef object places
-    cdef const double[::1] ranges
-    cdef const Py_ssize_t[::1] beams
+    # x, y and range of each beam (3, N); number of returns.
+    cdef double[:, ::1] place
     cdef Py_ssize_t count

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Returns of a scan that the parameters admit, with their noise."""
 import numpy as np
 
@@ -9,7 +9,7 @@ from ..scan import MAX_RANGE, Scan
 from libc.math cimport INFINITY, NAN, cos, isfinite, sin
 
 from ..geometry.plane cimport rotated, vector
-from .noise cimport estimate_noise, estimate_noise_ratio
+from .noise cimport noise_of, noise_ratio_of
 
 
 cdef class Returns:
@@ -36,50 +36,44 @@ cdef class Returns:
         cdef const float[::1] ranges = scan.ranges
         cdef Py_ssize_t size = ranges.shape[0], k
         self.scan, self.limits, self.twist = scan, limits, twist
-        self.places = deskewed_points(scan, twist)  # Eq. 2
-        cdef double complex[::1] place = self.places
-        cdef double[::1] found = np.empty(size)
-        cdef Py_ssize_t[::1] beam = np.empty(size, np.intp)
+        self.place = deskewed_points(scan, twist)  # Eq. 2
+        cdef double *x = &self.place[0, 0]
+        cdef double *y = &self.place[1, 0]
+        cdef double *radius = &self.place[2, 0]
+        cdef double[:, ::1] work = np.empty((2, size))
         # Single precision, as the ranges.
         cdef float least = limits.range_min, most = limits.range_max or INFINITY
-        with nogil:
-            for k in range(size):
-                if not least <= ranges[k] <= most:
-                    place[k] = vector(NAN, NAN)
-                elif isfinite(place[k].real):
-                    found[self.count], beam[self.count] = ranges[k], k
-                    self.count += 1
+        for k in range(size):
+            radius[k] = ranges[k]
+            if not least <= ranges[k] <= most:
+                x[k] = y[k] = NAN
+            work[0, self.count] = radius[k]
+            self.count += isfinite(x[k])
         if self.count < limits.min_returns:
             raise ScanError(f'{self.count} of {size} beams have a return; advanced.scan.min_returns asks for '
                             f'{limits.min_returns}')
-        self.ranges, self.beams = found[:self.count], beam[:self.count]
-        self.noise = estimate_noise(self.ranges, limits)
+        self.noise = noise_of(&work[0, 0], self.count, limits, &work[1, 0])
 
     @property
     def points(self):
-        return self.places.view(float).reshape(-1, 2)
+        return np.stack(self.place[:2], axis=1)
 
     @property
     def noise_ratio(self):
         """Standard deviation of a range as a fraction of the range; 0 if far ranges are no noisier than near ones."""
-        cdef const double complex[::1] place = self.places
-        cdef double complex[::1] known = np.empty(self.count, complex)
-        cdef Py_ssize_t k
-        for k in range(self.count):
-            known[k] = place[self.beams[k]]
-        return estimate_noise_ratio(known, self.ranges, self.beams, self.limits)
+        return noise_ratio_of(&self.place[0, 0], &self.place[1, 0], &self.place[2, 0], self.place.shape[1], self.limits)
 
 
 cdef deskewed_points(scan, twist):
-    """Return ``(N,)`` complex: the point of each beam [m], seen from the pose of the sensor at the stamp (Eq. 2).
+    """Return ``(3, N)``: x and y of the point of each beam [m], seen from the pose of the sensor at the stamp (Eq. 2).
 
     Beam i is measured at ``t = i * time_increment`` after the stamp; its point p becomes ``Rot(omega t) p + (vx, vy) t``.
-    A beam without a return becomes nan.
+    A beam without a return becomes nan. The last row is not set.
     """
     geometry = scan.geometry
     cdef const float[::1] ranges = scan.ranges
     cdef const double[:, ::1] directions = geometry.directions
-    cdef double increment = scan.time_increment, vx = 0.0, vy = 0.0, omega = 0.0
+    cdef double increment = scan.time_increment, vx = 0.0, vy = 0.0, omega = 0.0, along, across
     if twist is not None:
         vx, vy, omega = twist
     cdef bint moves = increment != 0.0 and (vx != 0.0 or vy != 0.0 or omega != 0.0)
@@ -87,18 +81,23 @@ cdef deskewed_points(scan, twist):
     cdef double complex turn = 1.0, step = vector(cos(omega * increment), sin(omega * increment))
     # Single precision, as the ranges.
     cdef float least = geometry.range_min, limit = min(geometry.range_max, MAX_RANGE)
-    cdef Py_ssize_t k
-    places = np.empty(ranges.shape[0], complex)
-    cdef double complex[::1] place = places
-    with nogil:
-        for k in range(ranges.shape[0]):
-            place[k] = vector(NAN, NAN)
-            if ranges[k] > 0.0 and least <= ranges[k] < limit:
-                place[k] = vector(ranges[k] * directions[k, 0], ranges[k] * directions[k, 1])
-                if moves:
-                    place[k] = rotated(turn, place[k]) + vector(vx * increment * k, vy * increment * k)
-            if moves:
-                turn = rotated(turn, step)
+    cdef Py_ssize_t size = ranges.shape[0], k
+    places = np.empty((3, size))
+    cdef double[:, ::1] place = places
+    cdef double *x = &place[0, 0]
+    cdef double *y = &place[1, 0]
+    if directions.shape[0] != size:
+        raise IndexError('directions of another number of beams')
+    for k in range(size):
+        x[k], y[k] = ranges[k] * directions[k, 0], ranges[k] * directions[k, 1]
+        if not (ranges[k] > 0.0 and least <= ranges[k] < limit):
+            x[k] = y[k] = NAN
+    if moves:
+        for k in range(size):
+            along, across = x[k], y[k]
+            x[k] = turn.real * along - turn.imag * across + vx * increment * k
+            y[k] = turn.real * across + turn.imag * along + vy * increment * k
+            turn = rotated(turn, step)
     return places
 
 
@@ -119,5 +118,4 @@ def deskew(scan, twist):
     """
     if scan.time_increment == 0.0 or not np.any(twist) or not scan.valid.any():
         return scan
-    points = deskewed_points(scan, twist).view(float).reshape(-1, 2)
-    return Scan.from_points(points, scan.stamp, scan.frame_id, scan.geometry.angle_increment)
+    return Scan.from_points(deskewed_points(scan, twist)[:2].T, scan.stamp, scan.frame_id, scan.geometry.angle_increment)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Ring band filter: tests each beam against those around it (section 2.1, Eq. 4, by lines instead of Eq. 3)."""
 from enum import IntEnum
 
@@ -7,19 +7,17 @@ import numpy as np
 
 from ..geometry import tolerance
 
-from libc.math cimport INFINITY, NAN, fabs, isfinite, isnan
+from libc.math cimport INFINITY, NAN, fabs, isfinite
 from libc.stdlib cimport labs
 
-from ..geometry.plane cimport cross, modulus, vector
+from ..geometry.plane cimport length_of
 
 cdef double SIGMAS = tolerance.SIGMAS
 
 cdef enum:
-    # Beams of the outer and of the inner ring on each side; flags; outcomes.
+    # Beams of the outer and of the inner ring on each side; outcomes.
     RING = 3
     INNER = 1
-    ASTRIDE = 1
-    CANDIDATE = 2
     SMOOTHED = 1
     CORNER = 2
     REMOVED = 3
@@ -39,6 +37,9 @@ class Outcome(IntEnum):
 
 
 cdef struct Ring:
+    # Beams, between `RING` times nan on either side.
+    const double *x
+    const double *y
     # Tolerance as a fraction of the range, and that by noise [m].
     double relative_tolerance
     double noise_tolerance
@@ -65,114 +66,121 @@ def ring_band_filter(points, double noise, parameters):
     outcome : (N,) int
         `Outcome` of each beam.
     """
-    filtered, outcome = np.array(points, order='C'), np.zeros(len(points), dtype=int)
-    filter_points(filtered.view(complex)[:, 0], noise, parameters, outcome)
-    return filtered, outcome
+    filtered, outcome = np.array(np.transpose(points), order='C'), np.zeros(len(points), dtype=int)
+    cdef double[:, ::1] place = filtered
+    cdef Py_ssize_t[::1] of = outcome
+    if outcome.size:
+        filter_points(&place[0, 0], &place[1, 0], outcome.size, noise, parameters, &of[0])
+    return filtered.T, outcome
 
 
-cdef int filter_points(double complex[::1] place, double noise, parameters, Py_ssize_t[::1] outcome) except -1:
+cdef int filter_points(double *x, double *y, Py_ssize_t beams, double noise, parameters, Py_ssize_t *outcome) except -1:
     """Filter points in beam order in place, as `ring_band_filter`; write what became of those that are not kept."""
-    if parameters.test == 'off' or place.shape[0] <= 2 * INNER:
+    if parameters.test == 'off' or beams <= 2 * INNER:
         return 0
-    cdef Ring ring = Ring(parameters.relative_tolerance, SIGMAS * noise)
     cdef Py_ssize_t inner_threshold = parameters.inner_threshold, outer_threshold = parameters.outer_threshold
     cdef double gross = parameters.gross_error or INFINITY
-    cdef Py_ssize_t size = ring_size(place), k, i
-    cdef double complex[::1] beam = np.full(size + 2 * RING, complex(NAN, NAN))
-    cdef Py_ssize_t[::1] of = np.empty(size, np.intp)
-    cdef signed char[::1] flags = np.zeros(size + 2 * RING, np.int8)
-    cdef double[::1] deviation = np.zeros(size + 2 * RING)
+    cdef Py_ssize_t size = ring_size(x, beams), k, i, count, each
+    cdef double[:, ::1] work = np.empty((6, size + 2 * RING))
+    cdef Py_ssize_t[:, ::1] index = np.empty((2, size), np.intp)
+    cdef Py_ssize_t *of = &index[0, 0]
+    cdef Py_ssize_t *candidate = &index[1, 0]
+    cdef double *across = &work[0, RING]
+    cdef double *along = &work[1, RING]
+    cdef double *deviation = &work[5, 0]
+    cdef Ring ring = Ring(across, along, parameters.relative_tolerance, SIGMAS * noise)
     cdef Py_ssize_t[2] counts
-    with nogil:
-        take_points(place, beam, of)
-        if not find_candidates(beam, &ring, flags, deviation):
-            return 0
-        for k in range(RING, beam.shape[0] - RING):
-            if not flags[k] & CANDIDATE:
-                continue
-            # C1 and C2 count the outliers in the inner and the outer ring, the candidate included.
-            i, counts[0], counts[1] = of[k - RING], 1, 1
-            if deviation[k] <= gross:
-                count_outliers(beam, k, &ring, counts)
-            if counts[0] >= inner_threshold or deviation[k] > gross:
-                place[i] = vector(NAN, NAN)
-                outcome[i] = REMOVED
-            elif counts[1] >= outer_threshold:
-                outcome[i] = CORNER
-            elif (RING < k < RING + size - 1 and of[k - RING - 1] == i - 1 and of[k - RING + 1] == i + 1
-                  and isfinite(beam[k - 1].real + beam[k + 1].real)):
-                place[i] = vector((beam[k - 1].real + beam[k].real + beam[k + 1].real) / 3.0,
-                                  (beam[k - 1].imag + beam[k].imag + beam[k + 1].imag) / 3.0)
-                outcome[i] = SMOOTHED
+    take_points(x, y, beams, size, across, along, of)
+    count = find_candidates(&ring, size, &work[2, 0], candidate, deviation)
+    for each in range(count):
+        k = candidate[each]
+        # C1 and C2 count the outliers in the inner and the outer ring, the candidate included.
+        i, counts[0], counts[1] = of[k], 1, 1
+        if deviation[each] <= gross:
+            count_outliers(&ring, k, counts)
+        if counts[0] >= inner_threshold or deviation[each] > gross:
+            x[i] = y[i] = NAN
+            outcome[i] = REMOVED
+        elif counts[1] >= outer_threshold:
+            outcome[i] = CORNER
+        elif (0 < k < size - 1 and of[k - 1] == i - 1 and of[k + 1] == i + 1
+              and isfinite(across[k - 1] + across[k + 1])):
+            x[i] = (across[k - 1] + across[k] + across[k + 1]) / 3.0
+            y[i] = (along[k - 1] + along[k] + along[k + 1]) / 3.0
+            outcome[i] = SMOOTHED
     return 0
 
 
-cdef Py_ssize_t ring_size(const double complex[::1] place) except -1 nogil:
+cdef Py_ssize_t ring_size(const double *x, Py_ssize_t beams) noexcept nogil:
     """Return the number of beams that make up the rings: without those without a return where these are most."""
-    cdef Py_ssize_t known = 0, adjacent = 0, k
-    for k in range(place.shape[0]):
-        if isfinite(place[k].real):
-            known += 1
-            adjacent += k > 0 and isfinite(place[k - 1].real)
-    return place.shape[0] if 2 * adjacent >= known - 1 else known
+    cdef Py_ssize_t known = isfinite(x[0]), adjacent = 0, k
+    for k in range(1, beams):
+        known += isfinite(x[k])
+        adjacent += isfinite(x[k]) & isfinite(x[k - 1])
+    return beams if 2 * adjacent >= known - 1 else known
 
 
-cdef int take_points(const double complex[::1] place, double complex[::1] beam, Py_ssize_t[::1] of) except -1 nogil:
-    """Write the points between `RING` times nan on either side, and the beam of each."""
+cdef void take_points(const double *x, const double *y, Py_ssize_t beams, Py_ssize_t size, double *across,
+                      double *along, Py_ssize_t *of) noexcept nogil:
+    """Write `size` points between `RING` times nan on either side, and the beam of each."""
     cdef Py_ssize_t k, count = 0
-    cdef bint dense = of.shape[0] == place.shape[0]
-    for k in range(place.shape[0]):
-        if dense or isfinite(place[k].real):
-            beam[RING + count], of[count] = place[k], k
+    for k in range(beams):
+        if size == beams or isfinite(x[k]):
+            across[count], along[count], of[count] = x[k], y[k], k
             count += 1
-    return 0
+    for k in range(RING):
+        across[-1 - k] = along[-1 - k] = across[size + k] = along[size + k] = NAN
 
 
-cdef inline bint on_line(const double complex[::1] beam, Py_ssize_t third, Py_ssize_t first, Py_ssize_t second,
-                         Ring *ring, double *distance) except -1 nogil:
-    """Return whether the third beam lies on the line through two others; `distance` is that along the beam [m].
+cdef inline double beyond(const Ring *ring, Py_ssize_t third, Py_ssize_t first, Py_ssize_t second,
+                          double *distance) noexcept nogil:
+    """Return by how much the third beam is off the line through two others beyond the tolerance [m].
 
-    The line through p and q meets the beam b s at s = cross(p, q) / cross(b, q - p). The distance is infinite where one
-    of the beams has no return.
+    The line through p and q meets the beam b s at s = cross(p, q) / cross(b, q - p). The `distance` is that along the
+    beam [m]; it is not a number, as the result, where one of the beams has no return.
     """
-    cdef double complex p = beam[first], q = beam[second], b = beam[third]
-    cdef double radius = modulus(b), meeting = cross(p, q) / cross(b, q - p)
-    cdef double growth = 1.0 + (<double> (labs(first - third) + labs(second - third))) / (<double> (second - first))
+    cdef double px = ring.x[first], py = ring.y[first], qx = ring.x[second], qy = ring.y[second]
+    cdef double x = ring.x[third], y = ring.y[third], radius = length_of(x, y)
+    cdef double meeting = (px * qy - py * qx) / (x * (qy - py) - y * (qx - px))
+    cdef double growth = 1.0 + <double> (labs(first - third) + labs(second - third)) / <double> (second - first)
     distance[0] = fabs(meeting - 1.0) * radius
-    if isnan(distance[0]):
-        distance[0] = INFINITY
-    return distance[0] <= ring.relative_tolerance * radius + ring.noise_tolerance * growth
+    return distance[0] - (ring.relative_tolerance * radius + ring.noise_tolerance * growth)
 
 
-cdef bint find_candidates(const double complex[::1] beam, Ring *ring, signed char[::1] flags,
-                          double[::1] deviation) except -1 nogil:
-    """Flag beams that lie on no line through two other beams of their ring; return whether there are any.
+cdef Py_ssize_t find_candidates(const Ring *ring, Py_ssize_t size, double *work, Py_ssize_t *candidate,
+                                double *deviation) noexcept nogil:
+    """Write the beams that lie on no line through two other beams of their ring, and how far off; return their number.
 
     A corner lies on the lines of both its walls. Where the beams before and those after are straight, a pair with one
-    beam on each side is no evidence: its line would cut the corner off.
+    beam on each side is no evidence: its line would cut the corner off. `work` has room for three numbers a beam and
+    those around them.
     """
-    cdef Py_ssize_t k, end = beam.shape[0] - RING
+    # Of lines through both neighbours, those before and those after.
+    cdef double *astride = work + RING
+    cdef double *before = work + (size + 2 * RING)
+    cdef double *after = work + 2 * (size + 2 * RING)
+    cdef Py_ssize_t k, found = 0
     cdef double off
-    cdef bint corner, found = False
-    for k in range(RING, end):
-        if on_line(beam, k, k - 1, k + 1, ring, &off):
-            flags[k] |= ASTRIDE
-    for k in range(RING, end):
-        if not isfinite(beam[k].real):
+    cdef bint corner
+    for k in range(RING):
+        astride[-1 - k] = astride[size + k] = NAN
+    for k in range(size):
+        astride[k] = beyond(ring, k, k - 1, k + 1, &off)
+    for k in range(size):
+        before[k] = beyond(ring, k, k - 2, k - 1, &off)
+    for k in range(size):
+        after[k] = beyond(ring, k, k + 1, k + 2, &off)
+    for k in range(size):
+        corner = (astride[k - 2] <= 0.0) & (astride[k + 2] <= 0.0)
+        if ((astride[k] <= 0.0) & (not corner)) | (before[k] <= 0.0) | (after[k] <= 0.0) or not isfinite(ring.x[k]):
             continue
-        corner = flags[k - 2] & ASTRIDE and flags[k + 2] & ASTRIDE
-        if flags[k] & ASTRIDE and not corner:
-            continue
-        if on_line(beam, k, k - 2, k - 1, ring, &off) or on_line(beam, k, k + 1, k + 2, ring, &off):
-            continue
-        if not on_some_line(beam, k, corner, ring, &deviation[k]):
-            flags[k] |= CANDIDATE
-            found = True
+        if not on_some_line(ring, k, corner, &deviation[found]):
+            candidate[found] = k
+            found += 1
     return found
 
 
-cdef bint on_some_line(const double complex[::1] beam, Py_ssize_t k, bint corner, Ring *ring,
-                       double *least) except -1 nogil:
+cdef bint on_some_line(const Ring *ring, Py_ssize_t k, bint corner, double *least) noexcept nogil:
     """Return whether a beam lies on a line through two others of its ring; `least` is the least distance [m]."""
     cdef Py_ssize_t first, second
     cdef double off
@@ -182,13 +190,13 @@ cdef bint on_some_line(const double complex[::1] beam, Py_ssize_t k, bint corner
         for second in range(first + 1, k + RING + 1):
             if first == k or second == k:
                 continue
-            on = on_line(beam, k, first, second, ring, &off)
+            on = beyond(ring, k, first, second, &off) <= 0.0
             found |= on and not (corner and first < k < second)
-            least[0] = min(least[0], off)
+            least[0] = off if off < least[0] else least[0]
     return found
 
 
-cdef int count_outliers(const double complex[::1] beam, Py_ssize_t k, Ring *ring, Py_ssize_t *counts) except -1 nogil:
+cdef void count_outliers(const Ring *ring, Py_ssize_t k, Py_ssize_t *counts) noexcept nogil:
     """Add the outliers of the inner and of the outer ring: beams on no line through two beams across from `k`."""
     cdef Py_ssize_t other, first, second, start
     cdef double off
@@ -199,9 +207,8 @@ cdef int count_outliers(const double complex[::1] beam, Py_ssize_t k, Ring *ring
         start, tested, on = k + 1 if other < k else k - RING, False, False
         for first in range(start, start + RING - 1):
             for second in range(first + 1, start + RING):
-                on |= on_line(beam, other, first, second, ring, &off)
+                on |= beyond(ring, other, first, second, &off) <= 0.0
                 tested |= isfinite(off)
         if tested and not on:
             counts[1] += 1
             counts[0] += labs(other - k) <= INNER
-    return 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Line segments of a scan: split and join instead of Eq. 6, fits (Eq. 7) and the kinds of their ends (section 2.2)."""
 import numpy as np
 
@@ -9,8 +9,10 @@ from ..geometry.ties import order_up_to_rounding
 from libc.math cimport atan2, fabs, sqrt
 from libc.stdlib cimport free, malloc
 
-from ..geometry.plane cimport Line, cross, distance, dot, fit_line, modulus
+from ..geometry.plane cimport (Line, Moments, cross, difference, distance, dot, fit_line, length_of, modulus,
+                               vector)
 from .records cimport KIND_CORNER, KIND_FREE, KIND_OCCLUSION, Segments
+from .surfaces cimport Surfaces
 
 cdef double TINY = tolerance.TINY, SAME = tolerance.SAME, SIGMAS = tolerance.SIGMAS
 
@@ -26,12 +28,18 @@ cdef double MAX_BEND = 0.15
 cdef double JOIN_ANGLE = 0.05, JOIN_ANGLE_NOISE = 6.0, MAX_JOIN_ANGLE = 0.25
 
 
+cdef enum:
+    # First point of a piece; of one that is not split further.
+    EDGE = 1
+    LAST_EDGE = 2
+
+
 cdef struct Piece:
     # First and last point, number of points, summed moments, line; ends on it and direction from start to end.
     Py_ssize_t first
     Py_ssize_t last
     double size
-    double[5] moments
+    Moments sums
     Line line
     double complex start
     double complex end
@@ -52,111 +60,93 @@ cdef SegmentLimits segment_limits(p) except *:
                          p.split_levels)
 
 
-cdef Segments extract_segments(const double complex[::1] points, const unsigned char[::1] breaks,
-                               const double[:, ::1] moments, const double[::1] radius, const Py_ssize_t[::1] beams,
-                               const double[::1] noise, parameters):
+cdef Segments extract_segments(const Surfaces *surfaces, const double *noise, parameters):
     """Extract the line segments of one scan, in beam order.
 
     Parameters
     ----------
-    points : (P,) complex
-        Returns in beam order [m].
-    breaks : (P - 1,) bool
-        As from `surfaces.find_breaks`.
-    moments : (5, P + 1) float
-        Sums of x, y, xx, xy, yy before each point.
-    radius : (P,) float
-        Range of each point [m].
-    beams : (P,) int
+    surfaces : Surfaces
+        The P points.
     noise : (P,) float
         Standard deviation of each range [m].
     parameters : SegmentParameters
     """
     cdef SegmentLimits limits = segment_limits(parameters)
-    cdef Py_ssize_t size = points.shape[0], count
-    if moments.shape[0] != 5 or moments.shape[1] != size + 1:
-        raise IndexError('moments of another number of points')
+    cdef Py_ssize_t size = surfaces.size, count
     cdef unsigned char[::1] edges = np.zeros(size + 1, np.uint8)
     cdef Piece *pieces = <Piece *> malloc((size + 1) * sizeof(Piece))
     if pieces == NULL:
         raise MemoryError
     try:
-        with nogil:
-            split(points, breaks, noise, &limits, edges)
-            count = join(points, moments, noise, &limits, edges, pieces)
-            count = place_ends(points, &limits, pieces, count)
+        split(surfaces, noise, &limits, &edges[0])
+        count = join(surfaces, noise, &limits, &edges[0], pieces)
+        count = place_ends(surfaces, &limits, pieces, count)
         count = keep_longest(pieces, count, parameters.max_segments)
-        with nogil:
-            find_corners(points, breaks, &limits, pieces, count)
-        return make_segments(pieces, count, radius, noise, beams, limits.depth_margin)
+        find_corners(surfaces, pieces, count)
+        return make_segments(surfaces, noise, limits.depth_margin, pieces, count)
     finally:
         free(pieces)
 
 
-cdef int split(const double complex[::1] points, const unsigned char[::1] breaks, const double[::1] noise,
-               SegmentLimits *limits, unsigned char[::1] edges) except -1 nogil:
+cdef void split(const Surfaces *surfaces, const double *noise, SegmentLimits *limits,
+                unsigned char *edges) noexcept nogil:
     """Flag the first point of each piece: surfaces are split level by level, farthest from their chords."""
-    cdef Py_ssize_t size = points.shape[0], first, end, k, level
-    cdef double largest, length, area
-    cdef double complex chord
+    cdef const double *x = surfaces.x
+    cdef const double *y = surfaces.y
+    cdef double *area = surfaces.work
+    cdef Py_ssize_t size = surfaces.size, first, end, k, level
+    cdef double largest, length, dx, dy, x0, y0
     cdef bint found
-    edges[0] = edges[size] = True
+    edges[0] = edges[size] = EDGE
     for k in range(size - 1):
-        edges[k + 1] = breaks[k]
+        edges[k + 1] = EDGE if surfaces.breaks[k] else 0
     for level in range(limits.split_levels):
         first, found = 0, False
         while first < size:
             end = first + 1
             while not edges[end]:
                 end += 1
-            chord, largest = points[end - 1] - points[first], 0.0
-            length = modulus(chord)
-            for k in range(first, end):
-                area = beyond_chord(points[k] - points[first], chord, length, split_distance(noise[k], limits))
-                largest = max(largest, area)
-            if largest > 0.0:
+            if edges[first] == EDGE:
+                x0, y0, dx, dy, largest = x[first], y[first], x[end - 1] - x[first], y[end - 1] - y[first], 0.0
+                length = length_of(dx, dy)
+                # Distances from the chord beyond the limit, times the length of the chord.
                 for k in range(first, end):
-                    area = beyond_chord(points[k] - points[first], chord, length, split_distance(noise[k], limits))
+                    area[k] = (fabs(dx * (y[k] - y0) - dy * (x[k] - x0))
+                               - max(SIGMAS * noise[k] + limits.split_distance, TINY) * length)
+                for k in range(first, end):
+                    largest = max(largest, area[k])
+                edges[first] = EDGE if largest > 0.0 else LAST_EDGE
+                k = first
+                while largest > 0.0:
                     # Of several the first.
-                    if area >= largest - TINY:
-                        edges[k + 1] = found = True
+                    if area[k] >= largest - TINY:
+                        edges[k + 1] = EDGE
+                        found = True
                         break
+                    k += 1
             first = end
         if not found:
             break
-    return 0
 
 
-cdef inline double split_distance(double noise, SegmentLimits *limits) noexcept nogil:
-    """Return the distance from the chord [m] beyond which a point becomes a corner."""
-    return max(SIGMAS * noise + limits.split_distance, TINY)
-
-
-cdef inline double beyond_chord(double complex offset, double complex chord, double length,
-                                double limit) noexcept nogil:
-    """Return the distance from the chord beyond the limit, times the length of the chord."""
-    return fabs(cross(chord, offset)) - limit * length
-
-
-cdef Py_ssize_t join(const double complex[::1] points, const double[:, ::1] moments, const double[::1] noise,
-                     SegmentLimits *limits, const unsigned char[::1] edges, Piece *pieces) except -1 nogil:
+cdef Py_ssize_t join(const Surfaces *surfaces, const double *noise, SegmentLimits *limits, const unsigned char *edges,
+                     Piece *pieces) noexcept nogil:
     """Make the pieces between the edges, and join neighbours on one line; return the number of pieces."""
-    cdef Py_ssize_t count = 0, first = 0, end, k, row, joined, turn
-    while first < points.shape[0]:
+    cdef Py_ssize_t count = 0, first = 0, end, k, joined, turn
+    while first < surfaces.size:
         end = first + 1
         while not edges[end]:
             end += 1
         if end - 1 - first >= MIN_STEPS:
             pieces[count].first, pieces[count].last, pieces[count].size = first, end - 1, end - first
-            for row in range(5):
-                pieces[count].moments[row] = moments[row, end] - moments[row, first]
+            pieces[count].sums = difference(&surfaces.moments[end], &surfaces.moments[first])
             fit_piece(&pieces[count])
             count += 1
         first = end
     for turn in range(JOINS):
         joined = 0
         for k in range(1, count):
-            pieces[k].joined = on_one_line(points, noise, limits, &pieces[k - 1], &pieces[k])
+            pieces[k].joined = on_one_line(surfaces, noise, limits, &pieces[k - 1], &pieces[k])
             joined += pieces[k].joined
         if not joined:
             break
@@ -175,49 +165,56 @@ cdef Py_ssize_t join(const double complex[::1] points, const double[:, ::1] mome
 
 cdef inline void fit_piece(Piece *piece) noexcept nogil:
     """Fit the line of a piece to all its points (Eq. 7)."""
-    cdef double *m = piece.moments
-    piece.line = fit_line(m[0], m[1], m[2], m[3], m[4], piece.size)
+    piece.line = fit_line(piece.sums, piece.size)
 
 
 cdef inline void append(Piece *piece, Piece *other) noexcept nogil:
     """Append the points of the next piece."""
-    cdef Py_ssize_t row
+    cdef Moments *sums = &piece.sums
     piece.last = other.last
     piece.size += other.size
-    for row in range(5):
-        piece.moments[row] += other.moments[row]
+    sums.x, sums.y, sums.xx = sums.x + other.sums.x, sums.y + other.sums.y, sums.xx + other.sums.xx
+    sums.xy, sums.yy = sums.xy + other.sums.xy, sums.yy + other.sums.yy
 
 
-cdef bint on_one_line(const double complex[::1] points, const double[::1] noise, SegmentLimits *limits,
-                      Piece *a, Piece *b) except -1 nogil:
+cdef inline double complex point_of(const Surfaces *surfaces, Py_ssize_t k) noexcept nogil:
+    """Return a point."""
+    return vector(surfaces.x[k], surfaces.y[k])
+
+
+cdef bint on_one_line(const Surfaces *surfaces, const double *noise, SegmentLimits *limits, Piece *a,
+                      Piece *b) noexcept nogil:
     """Return whether a piece and the next are parts of one line."""
-    cdef double complex reach_a = points[a.last] - points[a.first], reach_b = points[b.last] - points[b.first]
+    cdef double complex start = point_of(surfaces, b.first), end = point_of(surfaces, a.last)
+    cdef double complex reach_a = end - point_of(surfaces, a.first), reach_b = point_of(surfaces, b.last) - start
     cdef double shorter = min(modulus(reach_a), modulus(reach_b)), sigma = max(noise[a.last], noise[b.first])
     cdef double sine = a.line.c * b.line.s - a.line.s * b.line.c, cosine = a.line.c * b.line.c + a.line.s * b.line.s
     cdef double tolerance = JOIN_ANGLE + JOIN_ANGLE_NOISE * sigma / max(shorter, TINY)
-    cdef Piece both = a[0]
+    cdef Piece both
+    if not (distance(start, end) < limits.join_gap and dot(reach_b, reach_a) > 0.0):
+        return False
+    both = a[0]
     append(&both, b)
     fit_piece(&both)
     return (both.line.residual < (limits.join_noise * sigma) * (limits.join_noise * sigma)
-            and distance(points[b.first], points[a.last]) < limits.join_gap
-            and dot(reach_b, reach_a) > 0.0
             and atan2(fabs(sine), fabs(cosine)) < min(MAX_JOIN_ANGLE, tolerance))
 
 
-cdef Py_ssize_t place_ends(const double complex[::1] points, SegmentLimits *limits, Piece *pieces,
-                           Py_ssize_t count) except -1 nogil:
+cdef Py_ssize_t place_ends(const Surfaces *surfaces, SegmentLimits *limits, Piece *pieces,
+                           Py_ssize_t count) noexcept nogil:
     """Place the ends of the pieces on their lines; drop those with too few points, too short or bent ones."""
     cdef Py_ssize_t k, kept = 0
-    cdef double complex centre, along
+    cdef double complex centre, along, first, last
     cdef double length
     for k in range(count):
+        first, last = point_of(surfaces, pieces[k].first), point_of(surfaces, pieces[k].last)
         centre = pieces[k].line.x + 1j * pieces[k].line.y
         along = pieces[k].line.c + 1j * pieces[k].line.s
-        if dot(points[pieces[k].last] - points[pieces[k].first], along) < 0.0:
+        if dot(last - first, along) < 0.0:
             along = -along
         pieces[k].along = along
-        pieces[k].start = centre + along * dot(points[pieces[k].first] - centre, along)
-        pieces[k].end = centre + along * dot(points[pieces[k].last] - centre, along)
+        pieces[k].start = centre + along * dot(first - centre, along)
+        pieces[k].end = centre + along * dot(last - centre, along)
         length = distance(pieces[k].end, pieces[k].start)
         if (pieces[k].size >= limits.min_points and length >= limits.min_length
                 and pieces[k].line.residual < (MAX_BEND * length) * (MAX_BEND * length)):
@@ -237,8 +234,7 @@ cdef Py_ssize_t keep_longest(Piece *pieces, Py_ssize_t count, Py_ssize_t most) e
     return most
 
 
-cdef int find_corners(const double complex[::1] points, const unsigned char[::1] breaks, SegmentLimits *limits,
-                      Piece *pieces, Py_ssize_t count) except -1 nogil:
+cdef void find_corners(const Surfaces *surfaces, Piece *pieces, Py_ssize_t count) noexcept nogil:
     """Find where a segment and the next meet in a corner, and move their ends there."""
     cdef Py_ssize_t k, at
     cdef double sine, beyond, reach, half
@@ -249,36 +245,36 @@ cdef int find_corners(const double complex[::1] points, const unsigned char[::1]
             continue
         beyond = cross(pieces[k + 1].start - pieces[k].end, pieces[k + 1].along) / sine
         pieces[k].meeting = pieces[k].end + beyond * pieces[k].along
-        reach = SAME + distance(points[pieces[k + 1].first], points[pieces[k].last])
+        reach = SAME + distance(point_of(surfaces, pieces[k + 1].first), point_of(surfaces, pieces[k].last))
         half = 0.5 * distance(pieces[k + 1].end, pieces[k + 1].start)
         pieces[k].joined = (fabs(beyond) < reach and beyond > -0.5 * distance(pieces[k].end, pieces[k].start)
                             and distance(pieces[k + 1].start, pieces[k].meeting) < min(reach, half))
         for at in range(pieces[k].last, pieces[k + 1].first):
-            if breaks[at]:
+            if surfaces.breaks[at]:
                 pieces[k].joined = False
     for k in range(count - 1):
         if pieces[k].joined:
             pieces[k].end = pieces[k + 1].start = pieces[k].meeting
-    return 0
 
 
-cdef Segments make_segments(Piece *pieces, Py_ssize_t count, const double[::1] radius, const double[::1] noise,
-                            const Py_ssize_t[::1] beams, double depth_margin):
+cdef Segments make_segments(const Surfaces *surfaces, const double *noise, double depth_margin, Piece *pieces,
+                            Py_ssize_t count):
     """Return the `Segments` of the pieces; an end beside free space is free."""
     places, numbers, integers = np.empty((2, count, 2)), np.empty((4, count)), np.empty((2, count, 2), np.intp)
     cdef double[:, ::1] start = places[0], end = places[1], number = numbers
     cdef Py_ssize_t[:, ::1] kind = integers[0], beam = integers[1]
+    cdef const double *radius = surfaces.radius
     cdef Py_ssize_t k, first, last
     cdef double sigma
     for k in range(count):
         first, last = pieces[k].first, pieces[k].last
         start[k, 0], start[k, 1] = pieces[k].start.real, pieces[k].start.imag
         end[k, 0], end[k, 1] = pieces[k].end.real, pieces[k].end.imag
-        beam[k, 0], beam[k, 1] = beams[first], beams[last]
+        beam[k, 0], beam[k, 1] = surfaces.beam[first], surfaces.beam[last]
         kind[k, 0] = kind[k, 1] = KIND_OCCLUSION
         if first and radius[first - 1] > radius[first] + (depth_margin + SIGMAS * noise[first]):
             kind[k, 0] = KIND_FREE
-        if last + 1 < radius.shape[0] and radius[last + 1] > radius[last] + (depth_margin + SIGMAS * noise[last]):
+        if last + 1 < surfaces.size and radius[last + 1] > radius[last] + (depth_margin + SIGMAS * noise[last]):
             kind[k, 1] = KIND_FREE
         if k and pieces[k - 1].joined:
             kind[k, 0] = KIND_CORNER

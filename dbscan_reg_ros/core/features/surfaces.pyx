@@ -1,17 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Surfaces of a scan: points in beam order, cut at breakpoints (Eq. 5), and their normals."""
 import numpy as np
 
 from libc.math cimport fabs
 
-from ..geometry.plane cimport Line, cross, distance, fit_range, modulus
-
+from ..geometry.plane cimport Line, Moments, difference, distance, fit_line, length_of, modulus
 
 # Minimum number of points in the window of a point for it to have a normal.
-cdef Py_ssize_t MIN_NEIGHBOURS = 3
+cdef double MIN_NEIGHBOURS = 3.0
 # A point gets no normal if the neighbours' squared extents across and along the fitted line exceed this ratio.
 cdef double MAX_RESIDUAL = 0.25
+
+
+cdef enum:
+    # Windows whose lines are fitted together: a number that compilers turn into vectors.
+    BLOCK = 64
+
+
+cdef struct Windows:
+    # Points around each of some points: their number, sums [m, m^2], the way from the first to the last [m], the normal.
+    double[BLOCK] count, x, y, xx, xy, yy, dx, dy, nx, ny
 
 
 def find_breaks(const double complex[::1] points, const Py_ssize_t[::1] beams, double increment, double noise,
@@ -35,19 +44,51 @@ def find_breaks(const double complex[::1] points, const Py_ssize_t[::1] beams, d
     (P - 1,) bool
         True where a break lies between a point and the next.
     """
-    breaks = np.empty(max(points.shape[0] - 1, 0), dtype=bool)
+    cdef Py_ssize_t size = points.shape[0]
+    cdef double[::1] work = np.empty(room_of(size))
+    breaks = np.empty(max(size - 1, 0), dtype=bool)
+    cdef unsigned char[::1] broken = breaks
     cdef BreakLimits limits = break_limits(increment, noise, parameters)
-    mark_breaks(points, beams, &limits, breaks)
+    cdef Surfaces surfaces = surfaces_in(&work[0], size)
+    if size > 1:
+        surfaces.beam, surfaces.breaks = &beams[0], &broken[0]
+        take_points(points, &surfaces)
+        mark_breaks(&surfaces, &limits)
     return breaks
 
 
-cdef int mark_breaks(const double complex[::1] points, const Py_ssize_t[::1] beams, BreakLimits *limits,
-                     unsigned char[::1] broken) except -1 nogil:
-    """Mark the breaks between neighbouring points, as `find_breaks`."""
+cdef Surfaces surfaces_in(double *block, Py_ssize_t size) noexcept nogil:
+    """Return surfaces of `size` points whose numbers are kept in a block of `room_of` that size."""
+    cdef Surfaces surfaces = Surfaces(size, block, block + size, block + 2 * size, block + 3 * size,
+                                      <Moments *> (block + 4 * size), block + 9 * size + 5, NULL, NULL)
+    return surfaces
+
+
+cdef Py_ssize_t room_of(Py_ssize_t size) noexcept nogil:
+    """Return how many numbers the `Surfaces` of `size` points keep."""
+    return 10 * size + 5
+
+
+cdef int take_points(const double complex[::1] points, Surfaces *surfaces) except -1 nogil:
+    """Write points and ranges."""
     cdef Py_ssize_t k
-    for k in range(points.shape[0] - 1):
-        broken[k] = is_break(points[k], points[k + 1], beams[k + 1] - beams[k], limits)
+    for k in range(surfaces.size):
+        surfaces.x[k], surfaces.y[k], surfaces.radius[k] = points[k].real, points[k].imag, modulus(points[k])
     return 0
+
+
+cdef void mark_breaks(Surfaces *surfaces, BreakLimits *limits) noexcept nogil:
+    """Write the breaks between neighbouring points, as `find_breaks`, and the distance from each point to the next."""
+    cdef const double *x = surfaces.x
+    cdef const double *y = surfaces.y
+    cdef const double *radius = surfaces.radius
+    cdef const Py_ssize_t *beam = surfaces.beam
+    cdef double *step = surfaces.step
+    cdef Py_ssize_t k
+    for k in range(surfaces.size - 1):
+        step[k] = length_of(x[k + 1] - x[k], y[k + 1] - y[k])
+    for k in range(surfaces.size - 1):
+        surfaces.breaks[k] = is_break(step[k], beam[k + 1] - beam[k], min(radius[k + 1], radius[k]), limits)
 
 
 cdef BreakLimits break_limits(double increment, double noise, parameters) except *:
@@ -56,23 +97,17 @@ cdef BreakLimits break_limits(double increment, double noise, parameters) except
                        parameters.max_gap)
 
 
-cdef bint is_break(double complex first, double complex second, Py_ssize_t gap, BreakLimits *limits) noexcept nogil:
-    """Return whether two points, `gap` beams apart, lie on different surfaces (Eq. 5)."""
-    return (gap > limits.max_gap or distance(second, first)
-            >= limits.factor * gap * min(modulus(second), modulus(first)) + limits.margin)
-
-
-cdef int sum_moments(const double complex[::1] points, double[:, ::1] total) except -1 nogil:
-    """Write the sums ``(5, P + 1)`` of x, y, xx, xy, yy before each point [m, m^2]."""
+cdef void sum_moments(Surfaces *surfaces) noexcept nogil:
+    """Write the `Moments` of the points before each point, and of all."""
+    cdef const double *x = surfaces.x
+    cdef const double *y = surfaces.y
+    cdef Moments sums = Moments(0.0, 0.0, 0.0, 0.0, 0.0)
     cdef Py_ssize_t k
-    cdef double x, y
-    total[:, 0] = 0.0
-    for k in range(points.shape[0]):
-        x, y = points[k].real, points[k].imag
-        total[0, k + 1], total[1, k + 1] = total[0, k] + x, total[1, k] + y
-        total[2, k + 1], total[3, k + 1] = total[2, k] + x * x, total[3, k] + x * y
-        total[4, k + 1] = total[4, k] + y * y
-    return 0
+    for k in range(surfaces.size):
+        surfaces.moments[k] = sums
+        sums.x, sums.y, sums.xx = sums.x + x[k], sums.y + y[k], sums.xx + x[k] * x[k]
+        sums.xy, sums.yy = sums.xy + x[k] * y[k], sums.yy + y[k] * y[k]
+    surfaces.moments[surfaces.size] = sums
 
 
 def estimate_normals(const double complex[::1] points, const unsigned char[::1] breaks, double increment,
@@ -101,75 +136,94 @@ def estimate_normals(const double complex[::1] points, const unsigned char[::1] 
     (P,) complex
         0 for points without a normal.
     """
-    cdef double[:, ::1] moments = np.empty((5, points.shape[0] + 1))
-    normals = np.empty(points.shape[0], complex)
-    sum_moments(points, moments)
-    fit_normals(points, breaks, moments, noise, increment, parameters, normals)
-    return normals
+    cdef Py_ssize_t size = points.shape[0], k
+    cdef double[::1] work = np.empty(room_of(size))
+    cdef unsigned char[::1] broken = np.array(breaks, dtype=np.uint8)
+    cdef NormalLimits limits = normal_limits(increment, parameters)
+    cdef Surfaces surfaces = surfaces_in(&work[0], size)
+    normals = np.empty((size, 2))
+    cdef double[:, ::1] normal = normals
+    if size:
+        surfaces.breaks = &broken[0] if size > 1 else NULL
+        take_points(points, &surfaces)
+        for k in range(size - 1):
+            surfaces.step[k] = distance(points[k + 1], points[k])
+        sum_moments(&surfaces)
+        fit_normals(&surfaces, &noise[0], &limits, &normal[0, 0])
+    return normals.view(complex)[:, 0]
 
 
-cdef int fit_normals(const double complex[::1] points, const unsigned char[::1] breaks, const double[:, ::1] moments,
-                     const double[::1] noise, double increment, parameters, double complex[::1] normals) except -1:
-    """Write the normal of each point, as `estimate_normals`."""
-    cdef Py_ssize_t size = points.shape[0], beams = parameters.normal_beams, k, first = 0, end = 0, low = 0, high = 0
-    cdef Py_ssize_t begin, stop
-    cdef double least = parameters.normal_reach, factor = parameters.normal_noise, reach
-    cdef double[::1] path = np.zeros(size)
-    cdef Line line
-    if moments.shape[0] != 5 or moments.shape[1] != size + 1:
-        raise IndexError('moments of another number of points')
-    with nogil:
-        measure_path(points, breaks, path)
-        for k in range(size):
+cdef NormalLimits normal_limits(double increment, parameters) except *:
+    """Return the limits of the windows of normals."""
+    return NormalLimits(parameters.normal_reach, parameters.normal_noise, increment, parameters.normal_beams)
+
+
+cdef void fit_normals(const Surfaces *surfaces, const double *noise, NormalLimits *limits,
+                      double *normals) noexcept nogil:
+    """Write the normal of each point, as `estimate_normals`, to ``(P, 2)``."""
+    cdef Py_ssize_t size = surfaces.size
+    cdef const double *x = surfaces.x
+    cdef const double *y = surfaces.y
+    cdef const unsigned char *breaks = surfaces.breaks
+    cdef double *path = surfaces.work
+    cdef Windows windows
+    cdef Moments sums
+    cdef Py_ssize_t k, at, start = 0, first = 0, end = 0, low = 0, high = 0, begin, stop
+    cdef double reach
+    measure_path(surfaces, path)
+    while start < size:
+        for at in range(BLOCK):
+            k = min(start + at, size - 1)
             if k == end:
                 first, end = k, k + 1
                 while end < size and not breaks[end - 1]:
                     end += 1
-            reach = max(least, factor * noise[k])
-            low = first_not_below(path, low, path[k] - reach)
-            high = first_above(path, high, path[k] + reach)
-            begin, stop = max(min(low, k - beams), first), min(max(high, k + beams + 1), end)
-            normals[k] = 0.0
-            if stop - begin < MIN_NEIGHBOURS:
-                continue
-            line = fit_range(moments, begin, stop)
-            if line.residual > MAX_RESIDUAL * line.spread:
-                continue
-            normals[k] = -line.s + 1j * line.c
-            if cross(points[stop - 1] - points[begin], normals[k]) * increment < 0.0:
-                normals[k] = line.s - 1j * line.c
-    return 0
+            reach = max(limits.reach, limits.noise_factor * noise[k])
+            while low < size and path[low] < path[k] - reach:
+                low += 1
+            while low > 0 and path[low - 1] >= path[k] - reach:
+                low -= 1
+            while high < size and path[high] <= path[k] + reach:
+                high += 1
+            while high > 0 and path[high - 1] > path[k] + reach:
+                high -= 1
+            begin, stop = max(min(low, k - limits.beams), first), min(max(high, k + limits.beams + 1), end)
+            sums = difference(&surfaces.moments[stop], &surfaces.moments[begin])
+            windows.count[at], windows.x[at], windows.y[at] = <double> (stop - begin), sums.x, sums.y
+            windows.xx[at], windows.xy[at], windows.yy[at] = sums.xx, sums.xy, sums.yy
+            windows.dx[at], windows.dy[at] = x[stop - 1] - x[begin], y[stop - 1] - y[begin]
+        fit_windows(&windows, limits.increment)
+        for at in range(min(BLOCK, size - start)):
+            normals[2 * (start + at)], normals[2 * (start + at) + 1] = windows.nx[at], windows.ny[at]
+        start += BLOCK
 
 
-cdef inline Py_ssize_t first_not_below(const double[::1] path, Py_ssize_t near, double limit) except -1 nogil:
-    """Return the number of ascending values below a limit, which is about `near`."""
-    while near < path.shape[0] and path[near] < limit:
-        near += 1
-    while near > 0 and path[near - 1] >= limit:
-        near -= 1
-    return near
+cdef void fit_windows(Windows *w, double increment) noexcept nogil:
+    """Fit the normal of each window."""
+    cdef Py_ssize_t k
+    cdef double nx, ny
+    cdef Line line
+    cdef bint back, lies
+    for k in range(BLOCK):
+        line = fit_line(Moments(w.x[k], w.y[k], w.xx[k], w.xy[k], w.yy[k]), w.count[k])
+        back = (w.dx[k] * line.c + w.dy[k] * line.s) * increment < 0.0
+        lies = (w.count[k] >= MIN_NEIGHBOURS) & (line.residual <= MAX_RESIDUAL * line.spread)
+        nx, ny = line.s if back else 0.0 - line.s, 0.0 - line.c if back else line.c
+        w.nx[k], w.ny[k] = nx if lies else 0.0, ny if lies else 0.0
 
 
-cdef inline Py_ssize_t first_above(const double[::1] path, Py_ssize_t near, double limit) except -1 nogil:
-    """Return the number of ascending values up to a limit, which is about `near`."""
-    while near < path.shape[0] and path[near] <= limit:
-        near += 1
-    while near > 0 and path[near - 1] > limit:
-        near -= 1
-    return near
-
-
-cdef int measure_path(const double complex[::1] points, const unsigned char[::1] breaks,
-                      double[::1] path) except -1 nogil:
+cdef void measure_path(const Surfaces *surfaces, double *path) noexcept nogil:
     """Write the distance along the surfaces up to each point [m], over three beams at a time where unbroken."""
-    cdef Py_ssize_t k, size = points.shape[0]
-    cdef double step
+    cdef const double *x = surfaces.x
+    cdef const double *y = surfaces.y
+    cdef const unsigned char *breaks = surfaces.breaks
+    cdef Py_ssize_t size = surfaces.size, k
+    cdef double length
+    path[0] = 0.0
     for k in range(size - 1):
-        step = 0.0
+        length = 0.0
         if not breaks[k]:
+            length = surfaces.step[k]
             if 0 < k < size - 2 and not (breaks[k - 1] or breaks[k + 1]):
-                step = distance(points[k + 2], points[k - 1]) / 3.0
-            else:
-                step = distance(points[k + 1], points[k])
-        path[k + 1] = path[k] + step
-    return 0
+                length = length_of(x[k + 2] - x[k - 1], y[k + 2] - y[k - 1]) / 3.0
+        path[k + 1] = path[k] + length

@@ -57,31 +57,33 @@ cdef struct Line:
     double x, y, c, s, spread, residual
 
 
-cdef inline Line fit_line(double x, double y, double xx, double xy, double yy, double count) noexcept nogil:
-    """Fit a total least squares line to points with these summed moments (Eq. 7)."""
+cdef struct Moments:
+    # Sums of x, y [m], xx, xy, yy [m^2] over points.
+    double x, y, xx, xy, yy
+
+
+cdef inline Moments difference(const Moments *all, const Moments *part) noexcept nogil:
+    """Return the sums over the points that are not in a part."""
+    return Moments(all.x - part.x, all.y - part.y, all.xx - part.xx, all.xy - part.xy, all.yy - part.yy)
+
+
+cdef inline Line fit_line(Moments sums, double count) noexcept nogil:
+    """Fit a total least squares line to points with these summed moments (Eq. 7), without branches."""
     cdef Line line
-    cdef double half, apart, root
-    line.x, line.y = x / count, y / count
-    xx, xy, yy = xx / count - line.x * line.x, xy / count - line.x * line.y, yy / count - line.y * line.y
+    cdef double xx, xy, yy, half, apart, root, larger, smaller
+    line.x, line.y = sums.x / count, sums.y / count
+    xx, xy = sums.xx / count - line.x * line.x, sums.xy / count - line.x * line.y
+    yy = sums.yy / count - line.y * line.y
     half, apart = 0.5 * (xx + yy), 0.5 * (xx - yy)
     root = length_of(apart, xy)
     # The direction is half the angle of (apart, xy); of both its components the larger is computed first.
-    line.c, line.s = 1.0, 0.0
-    if root > 0.0 and apart >= 0.0:
-        line.c = sqrt(0.5 * (1.0 + apart / root))
-        line.s = 0.5 * xy / (root * line.c)
-    elif root > 0.0:
-        line.s = copysign(sqrt(0.5 * (1.0 - apart / root)), xy)
-        line.c = 0.5 * xy / (root * line.s)
+    larger = sqrt(0.5 * (1.0 + fabs(apart) / root))
+    smaller = 0.5 * xy / (root * larger)
+    line.c = larger if apart >= 0.0 else fabs(smaller)
+    line.s = smaller if apart >= 0.0 else copysign(larger, xy)
+    line.c, line.s = line.c if root > 0.0 else 1.0, line.s if root > 0.0 else 0.0
     line.spread, line.residual = half + root, max(half - root, 0.0)
     return line
-
-
-cdef inline Line fit_range(const double[:, ::1] moments, Py_ssize_t first, Py_ssize_t end) noexcept nogil:
-    """Fit a line to the points from `first` to before `end`, by `surfaces.sum_moments` of all; indices are valid."""
-    return fit_line(moments[0, end] - moments[0, first], moments[1, end] - moments[1, first],
-                    moments[2, end] - moments[2, first], moments[3, end] - moments[3, first],
-                    moments[4, end] - moments[4, first], <double> (end - first))
 
 
 cdef inline double rough_arctangent(double x, double y) noexcept nogil:

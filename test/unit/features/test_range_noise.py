@@ -50,7 +50,9 @@ def along_a_wall(noise, ratio, seed=0, uneven=0.0):
 
 
 def ratio_in(points, limits=LIMITS, every=1):
-    return estimate_noise_ratio(points, np.abs(points), every * np.arange(len(points)), limits)
+    of_beams = np.full(every * len(points), complex(np.nan, np.nan))
+    of_beams[::every] = points
+    return estimate_noise_ratio(of_beams, np.abs(of_beams), limits)
 
 
 def ratios(noise, ratio, limits=LIMITS, uneven=0.0):
