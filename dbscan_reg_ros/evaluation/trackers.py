@@ -46,6 +46,8 @@ class Step:
         Covariance of `pose`, in the frame of the first scan.
     twist_covariance : (3, 3) float or None
         Covariance of the velocity, in the frame of the sensor; None if there is no result for the scan.
+    interval : float [s]
+        Filtered time since the last scan, if it is known.
     registration, contradicted : None
         Always None, because trackers do not report single registrations, and nothing that contradicts them.
     restarted : bool
@@ -57,6 +59,7 @@ class Step:
     degenerate_direction: float | None = None
     covariance: np.ndarray | None = None
     twist_covariance: np.ndarray | None = None
+    interval: float = 0.0
     registration: None = None
     restarted: bool = False
     contradicted: None = None
@@ -80,7 +83,8 @@ class Ours:
                                        twist_covariance=None)
         free = update.registration and update.registration.degenerate_direction
         free = None if free is None else update.reference_pose.theta + free
-        self._last = Step(update.pose, update.status, free, update.covariance, update.twist_covariance)
+        self._last = Step(update.pose, update.status, free, update.covariance, update.twist_covariance,
+                          update.interval)
         return self._last
 
 

@@ -74,6 +74,8 @@ def figures(run) -> dict:
 class Published:
     """Poses, covariances and truth of the judged scans of a `Drive` with a published twist and a known true pose.
 
+    Where stamps jitter, a step takes at least the filtered time since the last scan.
+
     Attributes
     ----------
     poses, reference : (N, 3) float
@@ -93,8 +95,8 @@ class Published:
         self.ok = np.array([step.status is Status.OK for step in steps])
         metres, radians = course.truth_sigma
         self._truth = np.diag((metres, metres, radians)) ** 2
-        intervals = np.diff(self.seconds, prepend=self.seconds[0])
-        self._steps = intervals[:, None, None] * _roots(self.twist_covariances)
+        self._intervals = np.maximum(np.diff(self.seconds, prepend=self.seconds[0]), [step.interval for step in steps])
+        self._steps = self._intervals[:, None, None] * _roots(self.twist_covariances)
         self._turn = _turns(self.poses[:, 2])
         self._sums = np.cumsum(_adjoints(self.poses) @ self._steps @ self._turn.transpose(0, 2, 1), axis=0)
 
@@ -148,7 +150,7 @@ class Published:
 
     def fast_steps(self) -> int:
         """Count steps that are faster than the odometry allows."""
-        limits, seconds = Parameters().odometry, np.diff(self.seconds)
+        limits, seconds = Parameters().odometry, self._intervals[1:]
         step = relative(self.poses[:-1], self.poses[1:])
         return int(((np.hypot(step[:, 0], step[:, 1]) > limits.max_speed * seconds)
                     | (np.abs(step[:, 2]) > limits.max_turn_rate * seconds)).sum())

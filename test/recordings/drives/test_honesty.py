@@ -108,6 +108,16 @@ def test_errors_of_the_truth_are_no_errors_and_what_is_not_published_is_left_out
     assert row['ratio_worst'] < 1e-6 and row['ok'] == pytest.approx(59 / COUNT)
 
 
+def test_a_step_between_jittering_stamps_takes_the_filtered_time():
+    run = made()
+    late = [dataclasses.replace(scan, stamp=scan.stamp + 90_000_000 * (k == 30))
+            for k, scan in enumerate(run.course.scans)]
+    run = dataclasses.replace(run, course=dataclasses.replace(run.course, scans=late))
+    assert honesty.figures(run)['fast_count'] == 1
+    run.steps = [dataclasses.replace(step, interval=INTERVAL) for step in run.steps]
+    assert honesty.figures(run)['fast_count'] == 0
+
+
 def test_errors_that_fit_their_covariances_have_a_mean_square_of_one():
     """The sum of twists over one step is its twist; 97 % of three normal errors are within three sigma."""
     rng = np.random.default_rng(0)
