@@ -3,6 +3,11 @@
 """Typed access to `OrientedPoints`."""
 
 
+cdef enum:
+    # Where the same is done with all points, in loops one after another, it is done with so many at a time.
+    BLOCK = 256
+
+
 cdef class OrientedPoints:
     cdef readonly object points, normals, beams, weights, inverse_noise
     # The same arrays for compiled steps, with ones where `weights` or `inverse_noise` is None; their length.

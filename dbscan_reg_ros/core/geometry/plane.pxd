@@ -99,13 +99,18 @@ cdef inline double rough_arctangent(double x, double y) noexcept nogil:
     return (-1.0 if y < 0.0 else 1.0) * angle
 
 
+cdef inline int rough_bin(double x, double y, Py_ssize_t size) noexcept nogil:
+    """Return which of `size` bins of the full circle a point lies in, or -1 near an edge."""
+    cdef double place = (rough_arctangent(x, y) + M_PI) * (size / (2.0 * M_PI)), rest = place - <double> <int> place
+    return <int> (place if min(rest, 1.0 - rest) > 1e-5 * size else -1.0)
+
+
+cdef inline Py_ssize_t exact_bin(double x, double y, Py_ssize_t size) noexcept nogil:
+    """Return which of `size` bins of the full circle a point lies in."""
+    return min(<Py_ssize_t> ((atan2(y, x) + M_PI) * (size / (2.0 * M_PI))), size - 1)
+
+
 cdef inline Py_ssize_t bin_of(double x, double y, Py_ssize_t size) noexcept nogil:
     """Return which of `size` bins of the full circle a point lies in: near an edge by the exact bearing."""
-    cdef double place = (rough_arctangent(x, y) + M_PI) * (size / (2.0 * M_PI)), rest
-    cdef Py_ssize_t number
-    if place >= 0.0:
-        number = <Py_ssize_t> place
-        rest = place - <double> number
-        if rest > 1e-5 * size and rest < 1.0 - 1e-5 * size:
-            return number
-    return min(<Py_ssize_t> ((atan2(y, x) + M_PI) * (size / (2.0 * M_PI))), size - 1)
+    cdef int number = rough_bin(x, y, size)
+    return number if number >= 0 else exact_bin(x, y, size)

@@ -5,9 +5,9 @@ import numpy as np
 
 from libc.math cimport cos, llrint, sin, sqrt
 
+from ..features.free_space cimport violation
 from ..features.oriented_points cimport OrientedPoints
 from ..geometry.plane cimport dot, modulus, rotated
-from ..registration.scoring cimport violation
 
 
 def older_map_points(older, latest, density):

@@ -8,10 +8,10 @@ from ..geometry import tolerance
 cimport cython
 from libc.math cimport cos, sin, sqrt
 
-from ..features.oriented_points cimport OrientedPoints
+from ..features.oriented_points cimport BLOCK, OrientedPoints
 from ..geometry.exponential cimport decaying_exp
 from ..geometry.plane cimport length_of
-from .point_to_line cimport Equations, Hypothesis, Match, Pose, add_row, match_point, pose_at, solve_step
+from .point_to_line cimport Equations, Hypothesis, Matches, Pose, add_row, match_points, pose_at, solve_step
 from .uncertainty cimport BY_THETA, BY_X, BY_Y, ERROR, OWN_THETA, OWN_X, OWN_Y, ROWS, WEIGHT
 from .views cimport Lines, lines_of
 
@@ -111,19 +111,19 @@ cdef Fit fit_at(Hypothesis *at, OrientedPoints points, Lines lines, double min_c
     cdef Pose pose = pose_at(at.x, at.y, at.theta)
     cdef Fit found = Fit(points, at.x, at.y)
     cdef double[:, ::1] table = found.table
-    cdef double inverse_noise
-    cdef Match match
-    cdef Py_ssize_t k
+    cdef Matches match
+    cdef Py_ssize_t first = 0, i, k
     with nogil:
-        for k in range(points.size):
-            match_point(points, lines, k, &pose, min_cosine, &match)
-            inverse_noise = points.inverse_noise_view[k]
-            match.nx, match.ny = match.nx * inverse_noise, match.ny * inverse_noise
-            table[ERROR, k], table[ALIKE, k] = match.error * inverse_noise, match.alike
-            # Jacobian (nx, -ny, -Im(n p)) of the conjugated normal n and the rotated point p.
-            table[BY_X, k], table[BY_Y, k] = match.nx, -match.ny
-            table[BY_THETA, k] = -(match.nx * match.y + match.ny * match.x)
-            table[ROTATED_X, k], table[ROTATED_Y, k] = match.x, match.y
+        while first < points.size:
+            match_points(points, lines, first, &pose, min_cosine, &match)
+            for i in range(match.size):
+                k = first + i
+                table[ERROR, k], table[ALIKE, k] = match.error[i], match.alike[i]
+                # Jacobian (nx, -ny, -Im(n p)) of the conjugated normal n and the rotated point p.
+                table[BY_X, k], table[BY_Y, k] = match.nx[i], -match.ny[i]
+                table[BY_THETA, k] = -(match.nx[i] * match.y[i] + match.ny[i] * match.x[i])
+                table[ROTATED_X, k], table[ROTATED_Y, k] = match.x[i], match.y[i]
+            first += BLOCK
     return found
 
 

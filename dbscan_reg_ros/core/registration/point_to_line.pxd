@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
 """Point-to-line correspondences and their normal equations (Eq. 16-18)."""
-cimport cython
 from libc.math cimport cos, sin
 
-from ..features.oriented_points cimport OrientedPoints
+from ..features.oriented_points cimport BLOCK, OrientedPoints
 from ..geometry.symmetric cimport Factors, factors
 
-from .views cimport FieldArrays, Lines, nearest
+from .views cimport Lines
 
 
 cdef struct Pose:
@@ -20,32 +19,19 @@ cdef inline Pose pose_at(double x, double y, double theta) noexcept nogil:
     return Pose(x, y, cos(theta), sin(theta))
 
 
-cdef struct Match:
-    # Rotated point [m], normal of the line, distance from it [m], and whether the normals agree.
-    double x, y, nx, ny, error
-    bint alike
-
-
-@cython.boundscheck(False)
-cdef inline void match_point(OrientedPoints points, Lines lines, Py_ssize_t k, Pose *pose, double min_cosine,
-                             Match *found) noexcept nogil:
-    """Find the line of the reference that is nearest to a point; distance and normal without the inverse noise.
-
-    No index is checked: k is that of a point, arrays of points have one length, and `Lines` hold a valid table.
-    """
-    cdef double x = points.points_view[k].real, y = points.points_view[k].imag
-    cdef double mx = points.normals_view[k].real, my = points.normals_view[k].imag
-    cdef FieldArrays *field = &lines.arrays
-    cdef Py_ssize_t at
-    # p_R = Rot(theta) p_O + t (Eq. 8)
-    found.x, found.y = pose.c * x - pose.s * y, pose.s * x + pose.c * y
-    x, y = found.x + pose.x, found.y + pose.y
-    at = nearest(field, x, y)
-    # The normal is conjugated: its product with a point has the distance from the line as the real part.
-    found.nx, found.ny = field.normals[at].real, field.normals[at].imag
-    found.error = found.nx * x - found.ny * y - field.offsets[at]
-    found.alike = (found.nx * (pose.c * mx - pose.s * my) - found.ny * (pose.s * mx + pose.c * my) > min_cosine
-                   and (min_cosine >= 0.0 or at != field.size - 1))
+cdef struct Matches:
+    # Of each point of a block: the rotated point [m]; normal of the line and distance from it [m], both times the
+    # inverse noise scale; 1 where the normals agree, else 0; weight by a kernel; cell.
+    Py_ssize_t size
+    double[BLOCK] x
+    double[BLOCK] y
+    double[BLOCK] nx
+    double[BLOCK] ny
+    double[BLOCK] error
+    double[BLOCK] alike
+    double[BLOCK] weight
+    int[BLOCK] row
+    int[BLOCK] column
 
 
 cdef struct Equations:
@@ -107,5 +93,8 @@ cdef class Hypotheses:
 
 cdef int refine_hypotheses(OrientedPoints points, Lines field, double min_cosine, double damping, const double[::1] scales,
                            Hypotheses found) except -1 nogil
+cdef void match_points(OrientedPoints points, Lines lines, Py_ssize_t first, Pose *pose, double min_cosine,
+                       Matches *found) noexcept nogil
+cdef void weigh(Matches *found, double scale) noexcept nogil
 cdef int add_points(OrientedPoints points, Lines field, Pose *pose, double min_cosine, double scale,
                     Equations *sums) except -1 nogil

@@ -7,9 +7,9 @@ cimport cython
 from libc.stdlib cimport free, malloc
 from libc.string cimport memcpy
 
-from ..features.oriented_points cimport OrientedPoints
+from ..features.oriented_points cimport BLOCK, OrientedPoints
 from ..geometry.exponential cimport decaying_exp
-from .views cimport Lines, lines_of
+from .views cimport FieldArrays, Grid, Lines, clipped, lines_of, point_of
 
 cdef Equations NO_POINTS = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -126,19 +126,67 @@ cdef int refine_hypotheses(OrientedPoints points, Lines field, double min_cosine
 
 
 @cython.boundscheck(False)
+cdef void match_points(OrientedPoints points, Lines lines, Py_ssize_t first, Pose *pose, double min_cosine,
+                       Matches *found) noexcept nogil:
+    """Match a block of points, from the `first`, to the lines of the reference that are nearest to them at a pose.
+
+    No index is checked: arrays of points have one length, and `Lines` hold a valid table.
+    """
+    cdef const double *point = <const double *> &points.points_view[first]
+    cdef const double *normal = <const double *> &points.normals_view[first]
+    cdef const double *inverse_noise = &points.inverse_noise_view[first]
+    cdef FieldArrays *field = &lines.arrays
+    cdef Grid grid = field.grid
+    cdef Pose at = pose[0]
+    cdef Py_ssize_t size = min(BLOCK, points.size - first), k, nearest
+    cdef double last_row = grid.rows - 1, last_column = grid.columns - 1, x, y, nx, ny, cosine
+    found.size = size
+    # p_R = Rot(theta) p_O + t (Eq. 8)
+    for k in range(size):
+        x, y = at.c * point[2 * k] - at.s * point[2 * k + 1], at.s * point[2 * k] + at.c * point[2 * k + 1]
+        found.x[k], found.y[k] = x, y
+        found.row[k] = clipped((x + at.x - grid.x) * grid.inverse_cell, last_row)
+        found.column[k] = clipped((y + at.y - grid.y) * grid.inverse_cell, last_column)
+    for k in range(size):
+        nearest = point_of(field, found.row[k], found.column[k])
+        found.nx[k], found.ny[k] = field.normals[nearest].real, field.normals[nearest].imag
+        found.error[k] = field.offsets[nearest]
+    # The normal is conjugated: its product with a point has the distance from the line as the real part.
+    for k in range(size):
+        x, y, nx, ny = found.x[k] + at.x, found.y[k] + at.y, found.nx[k], found.ny[k]
+        cosine = (nx * (at.c * normal[2 * k] - at.s * normal[2 * k + 1])
+                  - ny * (at.s * normal[2 * k] + at.c * normal[2 * k + 1]))
+        # The normal of no point is 0.
+        found.alike[k] = (1.0 if nx * nx + ny * ny > 0.0 else 0.0) * (1.0 if cosine > min_cosine else 0.0)
+        found.error[k] = (nx * x - ny * y - found.error[k]) * inverse_noise[k]
+        found.nx[k], found.ny[k] = nx * inverse_noise[k], ny * inverse_noise[k]
+
+
+cdef void weigh(Matches *found, double scale) noexcept nogil:
+    """Weigh the points by a Gaussian kernel of `scale` [m] (Eq. 18), 0 where the normals disagree."""
+    cdef double factor = -0.5 / (scale * scale)
+    cdef Py_ssize_t size = found.size, k
+    for k in range(size):
+        found.weight[k] = found.alike[k] * decaying_exp(factor * found.error[k] * found.error[k])
+
+
+@cython.boundscheck(False)
 cdef int add_points(OrientedPoints points, Lines field, Pose *pose, double min_cosine, double scale,
                     Equations *sums) except -1 nogil:
     """Write the normal equations of all points at a pose, weighted by a kernel of `scale` [m]."""
-    cdef double factor = -0.5 / (scale * scale), e, nx, ny
-    cdef Py_ssize_t k
-    cdef Match found
-    sums[0] = NO_POINTS
-    for k in range(points.size):
-        match_point(points, field, k, pose, min_cosine, &found)
-        if found.alike:
-            # Error and Jacobian (nx, -ny, -Im(n p)), times the inverse noise scale; Gaussian kernel (Eq. 18).
-            e, nx, ny = (found.error * points.inverse_noise_view[k], found.nx * points.inverse_noise_view[k],
-                         found.ny * points.inverse_noise_view[k])
-            add_row(sums, decaying_exp(factor * e * e) * points.weights_view[k], nx, -ny,
-                    -(nx * found.y + ny * found.x), e)
+    cdef Py_ssize_t first, k
+    cdef const double *weights
+    cdef Matches found
+    cdef Equations total = NO_POINTS
+    first = 0
+    while first < points.size:
+        match_points(points, field, first, pose, min_cosine, &found)
+        weigh(&found, scale)
+        weights = &points.weights_view[first]
+        for k in range(found.size):
+            # The Jacobian is (nx, -ny, -Im(n p)).
+            add_row(&total, found.weight[k] * weights[k], found.nx[k], -found.ny[k],
+                    -(found.nx[k] * found.y[k] + found.ny[k] * found.x[k]), found.error[k])
+        first += BLOCK
+    sums[0] = total
     return 0

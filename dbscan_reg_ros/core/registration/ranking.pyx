@@ -10,13 +10,12 @@ from .scoring import preselect
 from libc.math cimport cos, sin, sqrt
 from libc.string cimport memcpy
 
-from ..features.oriented_points cimport OrientedPoints
-from ..geometry.exponential cimport decaying_exp
+from ..features.oriented_points cimport BLOCK, OrientedPoints
 from ..geometry.ordering cimport sort_up_to_rounding
 from ..geometry.plane cimport length_of, wrap
 from ..geometry.symmetric cimport Weakest, squared_distance, weakest_direction
-from .point_to_line cimport Equations, Hypotheses, Hypothesis, Match, Pose, add_points, match_point, pose_at
-from .point_to_line cimport refine_hypotheses, solve_step
+from .point_to_line cimport Equations, Hypotheses, Hypothesis, Matches, Pose, add_points, match_points, pose_at
+from .point_to_line cimport refine_hypotheses, solve_step, weigh
 from .scoring cimport Comparison, choose_distinct, search_along, write_reverse_conflicts, write_scores
 
 cdef double TINY = tolerance.TINY
@@ -105,17 +104,19 @@ cdef int keep_supported(Search search, Hypotheses found, OrientedPoints points, 
                         double min_ratio) except -1 nogil:
     """Keep the hypotheses with at least `min_ratio` of the best one's support by a kernel of `scale` [m] (Eq. 18)."""
     cdef double[::1] support = found.number[0]
-    cdef double factor = -0.5 / (scale * scale), e, most = 0.0
-    cdef Py_ssize_t h, k, count = 0
-    cdef Match match
+    cdef double most = 0.0
+    cdef Py_ssize_t h, first, k, count = 0
+    cdef Matches match
     cdef Pose pose
     for h in range(found.size):
         pose, support[h] = pose_at(found.rows[h].x, found.rows[h].y, found.rows[h].theta), 0.0
-        for k in range(points.size):
-            match_point(points, search.field, k, &pose, search.min_cosine, &match)
-            if match.alike:
-                e = match.error * points.inverse_noise_view[k]
-                support[h] += decaying_exp(factor * e * e)
+        first = 0
+        while first < points.size:
+            match_points(points, search.field, first, &pose, search.min_cosine, &match)
+            weigh(&match, scale)
+            for k in range(match.size):
+                support[h] += match.weight[k]
+            first += BLOCK
         most = max(most, support[h])
     for h in range(found.size):
         if support[h] >= min_ratio * most:

@@ -1,22 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
 """Scores of hypotheses, and which of them differ (section 2.3)."""
+cimport cython
 from libc.math cimport fabs
 
-from ..features.oriented_points cimport OrientedPoints
-from ..geometry.plane cimport bin_of, length_of, wrap
-from .point_to_line cimport Hypotheses
+from ..features.free_space cimport PlacedPoints
+from ..features.oriented_points cimport BLOCK, OrientedPoints
+from ..geometry.plane cimport length_of, wrap
+from .point_to_line cimport Hypotheses, Pose
 from .views cimport Lines
-
-
-cdef inline double violation(const double[::1] near, double x, double y, double tolerance) except? -1.0 nogil:
-    """Return 1 for a point well in front of what a scan saw, falling to 0 within the tolerance [m]."""
-    return min(max((near[bin_of(x, y, near.shape[0])] - length_of(x, y) - tolerance) * (1.0 / tolerance), 0.0), 1.0)
 
 
 cdef inline bint are_near(double x, double y, double theta, double most_apart, double angle) noexcept nogil:
     """Whether a difference of two motions is at most a distance [m] and an angle [rad]."""
     return length_of(x, y) <= most_apart and fabs(wrap(theta)) <= angle
+
+
+@cython.boundscheck(False)
+cdef inline void place(OrientedPoints points, Py_ssize_t first, Pose *pose, PlacedPoints *seen) noexcept nogil:
+    """Place a block of points of the current scan, from the `first`, in the frame of the reference (Eq. 8)."""
+    cdef const double *point = <const double *> &points.points_view[first]
+    cdef Pose at = pose[0]
+    cdef Py_ssize_t size = min(BLOCK, points.size - first), k
+    seen.size = size
+    for k in range(size):
+        seen.x[k] = at.c * point[2 * k] - at.s * point[2 * k + 1] + at.x
+        seen.y[k] = at.s * point[2 * k] + at.c * point[2 * k + 1] + at.y
+
+
+@cython.boundscheck(False)
+cdef inline void place_back(OrientedPoints points, Py_ssize_t first, Pose *pose, PlacedPoints *seen) noexcept nogil:
+    """Place a block of points of the reference, from the `first`, in the frame of the current scan."""
+    cdef const double *point = <const double *> &points.points_view[first]
+    cdef Pose at = pose[0]
+    cdef Py_ssize_t size = min(BLOCK, points.size - first), k
+    cdef double x, y
+    seen.size = size
+    for k in range(size):
+        x, y = point[2 * k] - at.x, point[2 * k + 1] - at.y
+        seen.x[k], seen.y[k] = at.c * x + at.s * y, at.c * y - at.s * x
 
 
 cdef class Comparison:

@@ -8,11 +8,11 @@ from ..geometry import tolerance
 
 from libc.math cimport cos, fabs, sin
 
-from ..features.oriented_points cimport OrientedPoints
-from ..geometry.exponential cimport decaying_exp
+from ..features.free_space cimport PlacedPoints, in_front, write_bins, write_violations
+from ..features.oriented_points cimport BLOCK, OrientedPoints
 from ..geometry.ordering cimport first_largest, sort_up_to_rounding
-from ..geometry.plane cimport bin_of, length_of
-from .point_to_line cimport Hypotheses, Hypothesis, Match, Pose, match_point, pose_at
+from ..geometry.plane cimport length_of
+from .point_to_line cimport Hypotheses, Hypothesis, Matches, Pose, match_points, pose_at, weigh
 from .views cimport lines_of
 
 cdef double TINY = tolerance.TINY
@@ -50,6 +50,8 @@ cdef class Comparison:
         self.min_cosine, self.damping = p.density.min_normal_cosine, p.refinement.damping
         self.score_scale, self.tolerance = p.refinement.score_scale, p.density.violation_tolerance
         self.against = p.density.violation_weight
+        if self.share.shape[0] != self.own.size:
+            raise IndexError('arrays of different lengths')
 
 
 def scores(problem, candidates):
@@ -79,24 +81,27 @@ cdef int write_scores(Comparison comparison, Hypotheses found) except -1 nogil:
     weighted fraction in its free space; the overlap is the unweighted fraction on the surfaces, and the conflict the
     weighted fraction in free space.
     """
-    cdef double factor = -0.5 / (comparison.score_scale * comparison.score_scale), weight, lost, e
     cdef double value, overlap, conflict
-    cdef Py_ssize_t h, k
-    cdef Match match
+    cdef const double *share
+    cdef Py_ssize_t h, first, k
+    cdef Matches match
+    cdef PlacedPoints seen
     cdef Pose pose
     for h in range(found.size):
         pose = pose_at(found.rows[h].x, found.rows[h].y, found.rows[h].theta)
         value = overlap = conflict = 0.0
-        for k in range(comparison.own.size):
-            match_point(comparison.own, comparison.field, k, &pose, comparison.min_cosine, &match)
-            # Gaussian kernel (Eq. 18), 0 where the normals disagree.
-            e = match.error * comparison.own.inverse_noise_view[k]
-            weight = decaying_exp(factor * e * e) if match.alike else 0.0
-            lost = violation(comparison.near, match.x + pose.x, match.y + pose.y,
-                             comparison.tolerance / comparison.own.inverse_noise_view[k])
-            value += (weight - comparison.against * lost * (1.0 - weight)) * comparison.share[k]
-            overlap += weight
-            conflict += lost * comparison.share[k]
+        first = 0
+        while first < comparison.own.size:
+            match_points(comparison.own, comparison.field, first, &pose, comparison.min_cosine, &match)
+            weigh(&match, comparison.score_scale)
+            place(comparison.own, first, &pose, &seen)
+            write_violations(&seen, comparison.near, comparison.tolerance, &comparison.own.inverse_noise_view[first])
+            share = &comparison.share[first]
+            for k in range(match.size):
+                value += (match.weight[k] - comparison.against * seen.lost[k] * (1.0 - match.weight[k])) * share[k]
+                overlap += match.weight[k]
+                conflict += seen.lost[k] * share[k]
+            first += BLOCK
         found.rows[h].score, found.rows[h].conflict = value, conflict
         found.rows[h].overlap = overlap / <double> max(comparison.own.size, 1)
     return 0
@@ -107,16 +112,21 @@ cdef int write_reverse_conflicts(Comparison comparison, Hypotheses found, double
     reference = comparison.problem.reference
     cdef OrientedPoints points = reference.sampled_points
     cdef const double[::1] near = comparison.problem.current.free_space.near, share = reference.leverage
-    cdef Py_ssize_t h, k
-    cdef double x, y
+    cdef Py_ssize_t h, first, k
+    cdef double sum
+    cdef PlacedPoints seen
     cdef Pose pose
     with nogil:
         for h in range(found.size):
-            pose, fraction[h] = pose_at(found.rows[h].x, found.rows[h].y, found.rows[h].theta), 0.0  # inverse of Eq. 8
-            for k in range(points.size):
-                x, y = points.points_view[k].real - pose.x, points.points_view[k].imag - pose.y
-                fraction[h] += share[k] * violation(near, pose.c * x + pose.s * y, pose.c * y - pose.s * x,
-                                                    comparison.tolerance / points.inverse_noise_view[k])
+            pose, sum = pose_at(found.rows[h].x, found.rows[h].y, found.rows[h].theta), 0.0
+            first = 0
+            while first < points.size:
+                place_back(points, first, &pose, &seen)
+                write_violations(&seen, near, comparison.tolerance, &points.inverse_noise_view[first])
+                for k in range(seen.size):
+                    sum += share[first + k] * seen.lost[k]
+                first += BLOCK
+            fraction[h] = sum
     return 0
 
 
@@ -135,27 +145,31 @@ def preselect(candidates, points, profile, parameters, density):
     parameters : SelectionParameters
     density : DensityParameters
     """
-    cdef Py_ssize_t most = parameters.preselected, size = len(candidates), h, k, at
+    cdef Py_ssize_t most = parameters.preselected, size = len(candidates), h, first, k, at
     if size <= most:
         return candidates
     cdef OrientedPoints some = sample(points, parameters.preselection_points)
     cdef const double[:, :] motion = candidates
     cdef const double[::1] near = profile.near, far = profile.far
-    cdef double tolerance = parameters.preselection_tolerance, against = density.violation_weight, x, y, radius
+    cdef double tolerance = parameters.preselection_tolerance, against = density.violation_weight, radius
     # Negative: the best come first.
     cdef double[::1] support = np.zeros(size)
     cdef Py_ssize_t[:, ::1] work = np.empty((2, size), np.intp)
+    cdef PlacedPoints seen
     cdef Pose pose
     with nogil:
         for h in range(size):
-            pose = pose_at(motion[h, 0], motion[h, 1], motion[h, 2])  # Eq. 8
-            for k in range(some.size):
-                x = pose.c * some.points_view[k].real - pose.s * some.points_view[k].imag + pose.x
-                y = pose.s * some.points_view[k].real + pose.c * some.points_view[k].imag + pose.y
-                at, radius = bin_of(x, y, near.shape[0]), length_of(x, y)
-                if near[at] > 0.0:
-                    support[h] -= min(max(1.0 - max(near[at] - radius, radius - far[at]) / tolerance, 0.0), 1.0)
-                support[h] += against * violation(near, x, y, tolerance)
+            pose = pose_at(motion[h, 0], motion[h, 1], motion[h, 2])
+            first = 0
+            while first < some.size:
+                place(some, first, &pose, &seen)
+                write_bins(&seen, near.shape[0])
+                for k in range(seen.size):
+                    at, radius = seen.bin[k], length_of(seen.x[k], seen.y[k])
+                    if near[at] > 0.0:
+                        support[h] -= min(max(1.0 - max(near[at] - radius, radius - far[at]) / tolerance, 0.0), 1.0)
+                    support[h] += against * in_front(near[at], seen.x[k], seen.y[k], tolerance)
+                first += BLOCK
         sort_up_to_rounding(support, work[0], work[1])
     return candidates[np.asarray(work[0, :most])]
 
@@ -210,85 +224,71 @@ def same(const double[:, :] candidates, const double[:] one, double distance, do
 
 
 def search_degenerate_direction(candidates, angles, problem):
-    """Shift each candidate along its degenerate direction to where the points with normals in this direction fit best.
-
-    Parameters
-    ----------
-    candidates : (H, 3) array [m, m, rad]
-    angles : (H,) array [rad]
-        Degenerate direction of each candidate in the reference's frame.
-    problem : Problem
-
-    Returns
-    -------
-    (H, 3) array [m, m, rad]
-    """
+    """Shift candidates ``(H, 3)`` [m, m, rad] by `search_along` in their degenerate directions ``(H,)`` [rad]."""
     return search_along(Comparison(problem), candidates, angles)
 
 
 cdef search_along(Comparison comparison, candidates, const double[::1] angles):
-    """Shift each candidate ``(H, 3)`` along its angle [rad] to the best fit, first coarsely, then finely."""
+    """Shift each candidate ``(H, 3)`` along its angle [rad] to where the points that face it fit best."""
     p, last = comparison.problem.parameters, comparison.score_scale
     cdef OrientedPoints points = comparison.own
     cdef double least = p.translation.min_crossing_sine, reach, step, scale
-    cdef Py_ssize_t h, facing
+    cdef Py_ssize_t h
     shifted = np.array(candidates)
     cdef double[:, ::1] poses = shifted
-    cdef unsigned char[::1] faces = np.zeros(points.size, np.uint8)
     cdef double[::1] value
-    with nogil:
-        facing = flag_facing(points, poses, angles, least, faces)
-    if facing < p.degeneracy.min_points:
+    points = points.select(facing(points, poses, angles, least))
+    if points.size < p.degeneracy.min_points:
         return shifted
-    for reach, step, scale in (
-            (p.degeneracy.search_distance, 2.0 * last, 3.0 * last), (2.5 * last, 0.4 * last, last)):
+    for reach, step, scale in ((p.degeneracy.search_distance, 2.0 * last, 3.0 * last), (2.5 * last, 0.4 * last, last)):
         value = np.empty(2 * <Py_ssize_t> (reach / step) + 1)
         for h in range(poses.shape[0]):
             with nogil:
-                shift_along(comparison, points, faces, angles[h], step, scale, poses[h], value)
+                shift_along(comparison, points, angles[h], step, scale, poses[h], value)
     return shifted
 
 
-cdef Py_ssize_t flag_facing(OrientedPoints points, const double[:, ::1] poses, const double[::1] angles, double least,
-                            unsigned char[::1] faces) except -1 nogil:
-    """Flag points whose normal has a component above `least` along the angle of any candidate; return their number."""
-    cdef Py_ssize_t h, k, count = 0
+cdef facing(OrientedPoints points, const double[:, ::1] poses, const double[::1] angles, double least):
+    """Return ``(P,)`` bool: which points have a normal with a component above `least` along the angle of any pose."""
+    faces = np.zeros(points.size, bool)
+    cdef unsigned char[::1] flag = faces
+    cdef Py_ssize_t h, k
     cdef double c, s
     for h in range(poses.shape[0]):
         c, s = cos(poses[h, 2] - angles[h]), sin(poses[h, 2] - angles[h])
         for k in range(points.size):
-            if not faces[k] and fabs(c * points.normals_view[k].real - s * points.normals_view[k].imag) > least:
-                faces[k] = True
-                count += 1
-    return count
+            flag[k] |= fabs(c * points.normals_view[k].real - s * points.normals_view[k].imag) > least
+    return faces
 
 
-cdef int shift_along(Comparison comparison, OrientedPoints points, const unsigned char[::1] faces, double angle,
-                     double step, double scale, double[::1] candidate, double[::1] value) except -1 nogil:
+cdef int shift_along(Comparison comparison, OrientedPoints points, double angle, double step,
+                     double scale, double[::1] candidate, double[::1] value) except -1 nogil:
     """Shift a candidate ``(x, y, theta)`` along an `angle` [rad] by the multiple of `step` [m] with the largest value.
 
     The `value` of each multiple is the sum over the points of their kernel of `scale` [m] (Eq. 18) times the squared
     component of the normal, minus the penalty for points in free space. The shortest come first, and of equal values
     that of the shortest shift is chosen.
     """
-    cdef double factor = -0.5 / (scale * scale), c = cos(angle), s = sin(angle), shift, e, weight, component, lost
-    cdef Py_ssize_t n, k
-    cdef Match found
+    cdef double c = cos(angle), s = sin(angle), shift, component
+    cdef Py_ssize_t n, first, k
+    cdef Matches match
+    cdef PlacedPoints seen
     cdef Pose pose
     pose.c, pose.s = cos(candidate[2]), sin(candidate[2])
     for n in range(value.shape[0]):
         shift = shift_of(n, step)
         pose.x, pose.y, value[n] = candidate[0] + shift * c, candidate[1] + shift * s, 0.0
-        for k in range(points.size):
-            if not faces[k]:
-                continue
-            match_point(points, comparison.field, k, &pose, comparison.min_cosine, &found)
-            e = found.error * points.inverse_noise_view[k]
-            weight = decaying_exp(factor * e * e) if found.alike else 0.0
-            component = (found.nx * c - found.ny * s) * points.inverse_noise_view[k]
-            lost = violation(comparison.near, found.x + pose.x, found.y + pose.y,
-                             comparison.tolerance / points.inverse_noise_view[k])
-            value[n] += weight * component * component - comparison.against * lost * (1.0 - weight)
+        first = 0
+        while first < points.size:
+            match_points(points, comparison.field, first, &pose, comparison.min_cosine, &match)
+            weigh(&match, scale)
+            place(points, first, &pose, &seen)
+            write_violations(&seen, comparison.near, comparison.tolerance, &points.inverse_noise_view[first])
+            for k in range(match.size):
+                component = match.nx[k] * c - match.ny[k] * s
+                value[n] += (match.weight[k] * component * component
+                             - comparison.against * seen.lost[k] * (1.0 - match.weight[k]))
+            first += BLOCK
         value[n] -= TINY * fabs(shift)
     shift = shift_of(first_largest(value), step)
     candidate[0], candidate[1] = candidate[0] + shift * c, candidate[1] + shift * s

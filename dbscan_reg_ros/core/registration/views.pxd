@@ -43,20 +43,24 @@ cdef Lines lines_of(field)
 cdef SegmentViews views_of_segments(segments)
 
 
-cdef inline Py_ssize_t clipped(double cell, Py_ssize_t size) noexcept nogil:
-    """Return a coordinate as the number of a cell, the first or the last where it lies outside."""
-    if not cell > 0.0:
-        return 0
-    return size - 1 if cell >= <double> (size - 1) else <Py_ssize_t> cell
+cdef inline int clipped(double cell, double last) noexcept nogil:
+    """Return a coordinate as the number of a cell, the first or the `last` where it lies outside."""
+    cell = cell if cell > 0.0 else 0.0
+    return <int> (cell if cell < last else last)
+
+
+cdef inline Py_ssize_t point_of(FieldArrays *field, Py_ssize_t row, Py_ssize_t column) noexcept nogil:
+    """Return the index of the point nearest to a cell."""
+    cdef Py_ssize_t cell = row * field.grid.columns + column
+    if field.grid.width == 1:
+        return field.table[cell]
+    if field.grid.width == 2:
+        return (<const unsigned short *> field.table)[cell]
+    return (<const unsigned int *> field.table)[cell]
 
 
 cdef inline Py_ssize_t nearest(FieldArrays *field, double x, double y) noexcept nogil:
     """Return the index of the point nearest to (x, y) [m]."""
     cdef Grid *grid = &field.grid
-    cdef Py_ssize_t cell = (clipped((x - grid.x) * grid.inverse_cell, grid.rows) * grid.columns
-                            + clipped((y - grid.y) * grid.inverse_cell, grid.columns))
-    if grid.width == 1:
-        return field.table[cell]
-    if grid.width == 2:
-        return (<const unsigned short *> field.table)[cell]
-    return (<const unsigned int *> field.table)[cell]
+    return point_of(field, clipped((x - grid.x) * grid.inverse_cell, grid.rows - 1),
+                    clipped((y - grid.y) * grid.inverse_cell, grid.columns - 1))
