@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Points of a scan with unit normals, and the points that constrain a direction which few others do."""
 import numpy as np
 
@@ -68,8 +68,11 @@ cdef class OrientedPoints:
     def thinned(self, Py_ssize_t count):
         """Return at most `count` of the points, evenly spaced along the scan."""
         step = spacing(self.size, count)
+        if step <= 1:
+            return self
         # Contiguous copies: with numpy 1.26 the last bit of a product over strided arrays depends on their address.
-        return self if step <= 1 else self.select(np.arange(0, self.size, step))
+        parts = self.points, self.normals, self.beams, self.weights, self.inverse_noise
+        return OrientedPoints(*[None if part is None else part[::step].copy() for part in parts])
 
 
 cdef OrientedPoints oriented_with_poles(const double[:, ::1] place, const double[:, ::1] facing,
@@ -89,11 +92,13 @@ cdef OrientedPoints oriented_with_poles(const double[:, ::1] place, const double
         Noise scale of a point per range [1/m]; points with a scale below 1 have 1.
     """
     cdef Py_ssize_t size = of.shape[0] + (0 if poles is None else poles.size), walls = 0, count, k
-    vectors, numbers, beams = np.empty((2, size), complex), np.ones((2, size)), np.empty(size, np.intp)
+    vectors, beams = np.empty((2, size), complex), np.empty(size, np.intp)
     cdef double complex[:, ::1] each = vectors
-    cdef double[::1] weight = numbers[0], inverse_noise = numbers[1]
     cdef Py_ssize_t[::1] beam = beams
+    cdef double[::1] inverse_noise
     cdef bint noisy = False
+    if not (place.shape[0] == facing.shape[0] == of.shape[0] and place.shape[1] == facing.shape[1] == 2):
+        raise ValueError('arrays of different lengths')
     for k in range(of.shape[0]):
         if facing[k, 0] != 0.0 or facing[k, 1] != 0.0:
             each[0, walls], each[1, walls] = vector(place[k, 0], place[k, 1]), vector(facing[k, 0], facing[k, 1])
@@ -104,14 +109,18 @@ cdef OrientedPoints oriented_with_poles(const double[:, ::1] place, const double
         count += poles.size
         for k in range(poles.size):
             each[0, walls + k], each[1, walls + k] = poles.points_view[k], poles.normals_view[k]
-            beam[walls + k], weight[walls + k] = poles.beams_view[k], poles.weights_view[k]
-    for k in range(count if noise_scale > 0.0 else 0):
-        inverse_noise[k] = 1.0 / max(noise_scale * modulus(each[0, k]), 1.0)
-        noisy |= inverse_noise[k] < 1.0
-    if poles is not None and weights is None:
-        weights = numbers[0, :count]
-    return OrientedPoints(vectors[0, :count], vectors[1, :count], beams[:count], weights,
-                          numbers[1, :count] if noisy else None)
+            beam[walls + k] = poles.beams_view[k]
+        if weights is None:
+            weights = np.ones(count)
+            weights[walls:] = poles.weights_view
+    scales = None
+    if noise_scale > 0.0:
+        scales = np.empty(count)
+        inverse_noise = scales
+        for k in range(count):
+            inverse_noise[k] = 1.0 / max(noise_scale * modulus(each[0, k]), 1.0)
+            noisy |= inverse_noise[k] < 1.0
+    return OrientedPoints(vectors[0, :count], vectors[1, :count], beams[:count], weights, scales if noisy else None)
 
 
 def spacing(Py_ssize_t size, Py_ssize_t count):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
+# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Small objects of a scan, and poles: small objects without normals, such as chair legs and tree trunks."""
 import math
 
@@ -9,6 +9,7 @@ from ..geometry import tolerance
 from .small_objects import SmallObjects
 
 from libc.math cimport fabs
+from libc.stdlib cimport free, malloc
 
 from ..geometry.plane cimport distance, modulus, vector
 from .oriented_points cimport OrientedPoints
@@ -18,92 +19,133 @@ from .surfaces cimport BreakLimits, break_limits, is_break
 cdef double SIGMAS = tolerance.SIGMAS, TINY = tolerance.TINY
 
 
-cdef struct Ring:
-    # Number of points and of beams in the full circle, and whether the beams cover it; step of the beams [rad].
-    Py_ssize_t size, circle
+cdef struct SmallObject:
+    # As of `SmallObjects`.
+    Py_ssize_t beam
+    Py_ssize_t returns
+    double nearest
+    double complex front
+    double width
+    bint without_normals
+
+
+cdef struct Circle:
+    # Points in beam order, from a break on if the beams cover the full circle: the index of the first, the number of
+    # points and of beams in the full circle, whether the beams cover it, and their step [rad].
+    const double complex *points
+    const double complex *normals
+    const Py_ssize_t *beams
+    const unsigned char *breaks
+    Py_ssize_t start, size, beams_around
     bint closed
     double increment
 
 
-cdef Ring ring_of(Features features) except *:
-    """Return the `Ring` of a scan."""
-    cdef Ring ring
-    geometry = features.measured.geometry
-    ring.size, ring.closed, ring.increment = features.beams.shape[0], geometry.closed, fabs(geometry.angle_increment)
-    ring.circle = round(2.0 * math.pi / ring.increment) if ring.closed else geometry.size
-    return ring
+cdef inline Py_ssize_t place_of(const Circle *circle, Py_ssize_t k) noexcept nogil:
+    """Return the index of the point with this number in the order of the circle."""
+    return k + circle.start if k + circle.start < circle.size else k + circle.start - circle.size
 
 
-cdef int unroll(Features features, Ring *ring, BreakLimits *limits, double complex[::1] points, Py_ssize_t[::1] beams,
-                unsigned char[::1] bare, unsigned char[::1] broken) except -1:
-    """Write the points in beam order, from a break on if the beams cover the full circle.
+cdef inline double complex point_of(const Circle *circle, Py_ssize_t k) noexcept nogil:
+    """Return a point."""
+    return circle.points[place_of(circle, k)]
 
-    `bare` is whether a point has no normal, and `broken` whether it and the next one lie on different surfaces.
-    """
-    cdef const double[:, ::1] place = features.points, normals = features.normals
-    cdef const Py_ssize_t[::1] of = features.beams
+
+cdef inline Py_ssize_t beam_of(const Circle *circle, Py_ssize_t k) noexcept nogil:
+    """Return the beam of a point; beams count on where they begin again."""
+    return circle.beams[place_of(circle, k)] + (circle.beams_around if k + circle.start >= circle.size else 0)
+
+
+cdef bint is_cut(const Circle *circle, Py_ssize_t k, BreakLimits *limits) noexcept nogil:
+    """Return whether a point and the next one lie on different surfaces."""
+    cdef double complex first, second
+    if k + circle.start != circle.size - 1:
+        return circle.breaks[place_of(circle, k)]
+    first, second = point_of(circle, k), point_of(circle, k + 1)
+    return is_break(distance(second, first), beam_of(circle, k + 1) - beam_of(circle, k),
+                    min(modulus(second), modulus(first)), limits)
+
+
+cdef Circle circle_of(Features features) except *:
+    """Return the `Circle` of a scan."""
+    cdef Circle circle
+    cdef const double[:, ::1] points = features.points, normals = features.normals
+    cdef const Py_ssize_t[::1] beams = features.beams
     cdef const unsigned char[::1] breaks = features.breaks
-    cdef Py_ssize_t start = 0, k, at, last
-    with nogil:
-        if ring.closed:
-            while start < breaks.shape[0] and not breaks[start]:
-                start += 1
-            start = start + 1 if start < breaks.shape[0] else 0
-        for k in range(ring.size):
-            at = k + start if k + start < ring.size else k + start - ring.size
-            points[k], beams[k] = vector(place[at, 0], place[at, 1]), of[at] + (ring.circle if at < start else 0)
-            bare[k] = normals[at, 0] == 0.0 and normals[at, 1] == 0.0
-            broken[k] = breaks[at] if at < breaks.shape[0] else 0
-        if start:
-            last = ring.size - 1 - start
-            broken[last] = is_break(distance(points[last + 1], points[last]), beams[last + 1] - beams[last],
-                                    min(modulus(points[last + 1]), modulus(points[last])), limits)
-    return 0
+    cdef Py_ssize_t start = 0, cuts = breaks.shape[0]
+    geometry = features.measured.geometry
+    circle.points, circle.normals = <double complex *> &points[0, 0], <double complex *> &normals[0, 0]
+    circle.beams, circle.breaks = &beams[0], &breaks[0] if cuts else NULL
+    circle.size, circle.closed = beams.shape[0], geometry.closed
+    if not (circle.size == points.shape[0] == normals.shape[0] == cuts + 1):
+        raise ValueError('arrays of different lengths')
+    circle.increment = fabs(geometry.angle_increment)
+    circle.beams_around = round(2.0 * math.pi / circle.increment) if circle.closed else geometry.size
+    while start < cuts and not circle.breaks[start]:
+        start += 1
+    circle.start = start + 1 if circle.closed and start < cuts else 0
+    return circle
+
+
+cdef Py_ssize_t find_objects(Features features, double size, parameters, SmallObject *found) except -1:
+    """Write the `find_small_objects` of a scan, at most one for each point; return their number."""
+    cdef Circle circle = circle_of(features)
+    cdef BreakLimits limits = break_limits(circle.increment, features.noise, parameters)
+    cdef double margin = parameters.depth_margin + SIGMAS * features.noise
+    cdef Py_ssize_t count = 0, first = 0, end, last, before, after, k
+    cdef double complex start, stop
+    cdef SmallObject *thing
+    while first < circle.size:
+        end = first + 1
+        while end < circle.size and not is_cut(&circle, end - 1, &limits):
+            end += 1
+        last, before, after = end - 1, (first if first else circle.size) - 1, end if end < circle.size else 0
+        start, stop = point_of(&circle, first), point_of(&circle, last)
+        if ((circle.closed or (first and end < circle.size)) and distance(stop, start) < size
+                and is_behind(&circle, before, first, beam_of(&circle, first) - beam_of(&circle, before), margin)
+                and is_behind(&circle, after, last, beam_of(&circle, after) - beam_of(&circle, last), margin)):
+            thing = &found[count]
+            thing.front = vector(0.5 * (start.real + stop.real), 0.5 * (start.imag + stop.imag))
+            thing.beam, thing.returns = modulo(beam_of(&circle, first), circle.beams_around), end - first
+            thing.width = (end - first) * circle.increment * modulus(thing.front)
+            thing.nearest, thing.without_normals = modulus(start), True
+            for k in range(first, end):
+                thing.nearest = min(thing.nearest, modulus(point_of(&circle, k)))
+                thing.without_normals &= circle.normals[place_of(&circle, k)] == 0.0
+            count += 1
+        first = end
+    return count
+
+
+cdef inline bint is_behind(const Circle *circle, Py_ssize_t other, Py_ssize_t own, Py_ssize_t gap,
+                           double margin) noexcept nogil:
+    """Return whether another point is farther away than an own one, or beams of the `gap` have no return."""
+    return (modulus(point_of(circle, other)) > modulus(point_of(circle, own)) + margin
+            or modulo(gap, circle.beams_around) > 1)
 
 
 def find_small_objects(Features features, double size, parameters):
     """Find surfaces (Eq. 5) smaller than a `size` [m] with a larger range, or no return, on both sides."""
-    cdef Ring ring = ring_of(features)
-    cdef BreakLimits limits = break_limits(ring.increment, features.noise, parameters)
-    cdef double margin = parameters.depth_margin + SIGMAS * features.noise
-    cdef Py_ssize_t count = ring.size, objects = 1, found = 0, k, i, first, last, before, after
-    fronts, distances = np.empty(count, complex), np.empty((2, count))
-    integers, flags = np.empty((2, count), np.intp), np.empty(count, dtype=bool)
-    cdef double complex[::1] points = np.empty(count, complex), front = fronts
-    cdef double[::1] nearest = distances[0], width = distances[1]
-    cdef Py_ssize_t[:, ::1] work = np.empty((2, count + 1), np.intp)
-    cdef Py_ssize_t[::1] beams = work[0], start = work[1], beam = integers[0], returns = integers[1]
-    cdef unsigned char[:, ::1] marks = np.empty((2, count), np.uint8)
-    cdef unsigned char[::1] bare = marks[0], broken = marks[1], without_normals = flags
-    unroll(features, &ring, &limits, points, beams, bare, broken)
-    with nogil:
-        start[0] = 0
-        for k in range(count - 1):
-            if broken[k]:
-                start[objects] = k + 1
-                objects += 1
-        start[objects] = count
-        for k in range(0 if ring.closed else 1, objects if ring.closed else objects - 1):
-            first, last = start[k], start[k + 1] - 1
-            before, after = (first if k else count) - 1, start[k + 1] if k + 1 < objects else 0
-            if not (modulus(points[before]) > modulus(points[first]) + margin
-                    or modulo(beams[first] - beams[before], ring.circle) > 1):
-                continue
-            if not (modulus(points[after]) > modulus(points[last]) + margin
-                    or modulo(beams[after] - beams[last], ring.circle) > 1):
-                continue
-            if not distance(points[last], points[first]) < size:
-                continue
-            front[found] = 0.5 * (points[first] + points[last])
-            beam[found], returns[found] = modulo(beams[first], ring.circle), last - first + 1
-            width[found] = (last - first + 1) * ring.increment * modulus(front[found])
-            nearest[found], without_normals[found] = modulus(points[first]), True
-            for i in range(first, last + 1):
-                nearest[found] = min(nearest[found], modulus(points[i]))
-                without_normals[found] = without_normals[found] and bare[i]
-            found += 1
-    return SmallObjects(integers[0, :found], integers[1, :found], distances[0, :found], fronts[:found],
-                        distances[1, :found], flags[:found])
+    cdef Py_ssize_t count
+    cdef SmallObject *found = <SmallObject *> malloc(len(features.beams) * sizeof(SmallObject))
+    if found == NULL:
+        raise MemoryError
+    try:
+        count = find_objects(features, size, parameters, found)
+        return small_objects(found, count)
+    finally:
+        free(found)
+
+
+cdef small_objects(SmallObject *found, Py_ssize_t count):
+    """Return objects as `SmallObjects`."""
+    cdef Py_ssize_t k
+    return SmallObjects(np.array([found[k].beam for k in range(count)], np.intp),
+                        np.array([found[k].returns for k in range(count)], np.intp),
+                        np.array([found[k].nearest for k in range(count)], float),
+                        np.array([found[k].front for k in range(count)], complex),
+                        np.array([found[k].width for k in range(count)], float),
+                        np.array([found[k].without_normals for k in range(count)], bool))
 
 
 cpdef Features with_poles(Features features, double size, parameters):
@@ -127,14 +169,26 @@ cpdef Features with_poles(Features features, double size, parameters):
         The features with poles; `features` itself if the scan has none.
     """
     cdef const double[:, ::1] normals = features.normals
-    cdef Py_ssize_t k
-    for k in range(normals.shape[0]):
-        if normals[k, 0] == 0.0 and normals[k, 1] == 0.0:
-            break
-    else:
+    cdef Py_ssize_t size_of = normals.shape[0], count = 0, poles = 0, k
+    cdef SmallObject *found
+    for k in range(size_of):
+        count += normals[k, 0] == 0.0 and normals[k, 1] == 0.0
+    if not count:
         return features
-    objects = find_small_objects(features, size, parameters)
-    return with_poles_at(features, objects, size) if objects.without_normals.any() else features
+    found = <SmallObject *> malloc(size_of * sizeof(SmallObject))
+    if found == NULL:
+        raise MemoryError
+    try:
+        count = find_objects(features, size, parameters, found)
+        for k in range(count):
+            found[poles] = found[k]
+            poles += found[k].without_normals
+        if not poles:
+            return features
+        return features.with_points_of(features.normals, points_around(small_objects(found, poles), size),
+                                       features.weights, features.noise_ratio)
+    finally:
+        free(found)
 
 
 _POINTS = 8
@@ -145,18 +199,14 @@ _SURFACES = 2.0
 """Weight of a return from a pole relative to a return from a wall: a pole constrains the motion along two axes."""
 
 
-cdef Features with_poles_at(Features features, objects, double size):
-    """Add those of the `objects` as poles that have no normals; poles are at most as wide as a `size` [m]."""
-    poles = objects.without_normals.nonzero()[0]
-    front, width = objects.front[poles], objects.width[poles]
-    half = np.minimum(0.5 * width, 0.5 * size)
-    towards = -front / np.maximum(np.abs(front), TINY)
+def points_around(poles, double size):
+    """Return the `OrientedPoints` around `SmallObjects` that are poles, at most as wide as a `size` [m]."""
+    half = np.minimum(0.5 * poles.width, 0.5 * size)
+    towards = -poles.front / np.maximum(np.abs(poles.front), TINY)
     normals = towards[:, None] * _AROUND
-    points = (front - half * towards)[:, None] + half[:, None] * normals
-    weights = np.minimum(_SURFACES * objects.returns[poles] / _POINTS, 1.0)
-    found = OrientedPoints(points.ravel(), normals.ravel(), objects.beam[poles].repeat(_POINTS),
-                           weights.repeat(_POINTS))
-    return features.with_points_of(features.normals, found, features.weights, features.noise_ratio)
+    points = (poles.front - half * towards)[:, None] + half[:, None] * normals
+    weights = np.minimum(_SURFACES * poles.returns / _POINTS, 1.0)
+    return OrientedPoints(points.ravel(), normals.ravel(), poles.beam.repeat(_POINTS), weights.repeat(_POINTS))
 
 
 cdef inline Py_ssize_t modulo(Py_ssize_t number, Py_ssize_t of) noexcept nogil:

@@ -147,7 +147,11 @@ cdef class Features:
 
     cdef Features copied(self):
         """Return a copy, to be changed, with all that was made."""
-        cdef Features copy = Features(*self.__reduce__()[1])
+        cdef Features copy = Features.__new__(Features)
+        copy.measured, copy.twist, copy.points, copy.beams = self.measured, self.twist, self.points, self.beams
+        copy.breaks, copy.normals, copy.segments, copy.noise = self.breaks, self.normals, self.segments, self.noise
+        copy.density, copy.noise_ratio, copy.poles = self.density, self.noise_ratio, self.poles
+        copy.weights, copy.map_points = self.weights, self.map_points
         copy._wall_points, copy._oriented_points, copy._sampled_points = (
             self._wall_points, self._oriented_points, self._sampled_points)
         copy._scan, copy._leverage, copy._isolated = self._scan, self._leverage, self._isolated

@@ -118,4 +118,5 @@ def deskew(scan, twist):
     """
     if scan.time_increment == 0.0 or not np.any(twist) or not scan.valid.any():
         return scan
-    return Scan.from_points(deskewed_points(scan, twist)[:2].T, scan.stamp, scan.frame_id, scan.geometry.angle_increment)
+    points = deskewed_points(scan, twist)[:2].T
+    return Scan.from_points(points, scan.stamp, scan.frame_id, scan.geometry.angle_increment)

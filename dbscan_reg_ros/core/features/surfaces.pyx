@@ -19,7 +19,7 @@ cdef enum:
 
 
 cdef struct Windows:
-    # Points around each of some points: their number, sums [m, m^2], the way from the first to the last [m], the normal.
+    # Number of points in each window, their sums [m, m^2], the way from the first to the last [m], and the normal.
     double[BLOCK] count, x, y, xx, xy, yy, dx, dy, nx, ny
 
 

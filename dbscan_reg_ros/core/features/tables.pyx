@@ -10,7 +10,7 @@ from ..geometry import tolerance
 from .free_space import FreeSpaceProfile
 from .likelihood_field import LikelihoodField
 
-from libc.math cimport INFINITY, M_PI, fabs, rint
+from libc.math cimport INFINITY, M_PI, atan2, fabs, rint
 
 from ..geometry.ordering cimport bisect_right, sort_stably
 from ..geometry.plane cimport cross, distance, dot, length_of
@@ -176,12 +176,15 @@ def build_free_space_profile(const double[:, ::1] points, double increment):
     increment : float
         Step from one beam to the next [rad].
     """
-    cdef Py_ssize_t count = points.shape[0], k, b, before, after, next_before, next_after
+    cdef Py_ssize_t count = points.shape[0], k, b, at, before, next_before, next_after, first = 0
+    cdef bint ascending = True
     cdef Py_ssize_t size = min(max(round(2.0 * math.pi / abs(increment)), _MIN_BINS), _MAX_BINS)
-    # By numpy: beams may lie on the edges of bins, where the last bit of another arctangent would decide.
-    cdef const double[::1] angle = np.arctan2(points[:, 1], points[:, 0])
-    cdef double[::1] radius = np.empty(count + 2), bearing = np.empty(count + 2)
-    cdef Py_ssize_t[::1] order = np.empty(count, np.intp), scratch = np.empty(count, np.intp)
+    cdef double[:, ::1] work = np.empty((5, count + 2))
+    cdef double *angle = &work[0, 0]
+    cdef double *distance = &work[1, 0]
+    cdef double[::1] bearings = work[2, :count], bearing = work[3], radius = work[4]
+    cdef Py_ssize_t[:, ::1] index = np.empty((2, count), np.intp)
+    cdef Py_ssize_t[::1] order = index[0]
     cdef const double[::1] edges = _edges(size)
     cdef double widest = 3.0 * max(fabs(increment), 2.0 * M_PI / size), low, high
     profile = np.zeros((2, size))
@@ -189,9 +192,20 @@ def build_free_space_profile(const double[:, ::1] points, double increment):
     if not count:
         raise IndexError('a scan without points')
     with nogil:
-        sort_stably(angle, order, scratch)
+        # Counter-clockwise, from where the bearing jumps to -pi on, they ascend as a rule.
         for k in range(count):
-            bearing[k + 1], radius[k + 1] = angle[order[k]], length_of(points[order[k], 0], points[order[k], 1])
+            at = k if increment > 0.0 else count - 1 - k
+            angle[k], distance[k] = atan2(points[at, 1], points[at, 0]), length_of(points[at, 0], points[at, 1])
+            if k and not first and angle[k] < angle[k - 1]:
+                first = k
+        for k in range(count):
+            bearings[k], order[k] = angle[first + k if first + k < count else first + k - count], k
+            ascending &= k == 0 or bearings[k - 1] <= bearings[k]
+        if not ascending:
+            sort_stably(bearings, order, index[1])
+        for k in range(count):
+            at = first + order[k]
+            bearing[k + 1], radius[k + 1] = bearings[order[k]], distance[at if at < count else at - count]
         bearing[0], radius[0] = bearing[count] - 2.0 * M_PI, radius[count]
         bearing[count + 1], radius[count + 1] = bearing[1] + 2.0 * M_PI, radius[1]
         before = bisect_right(bearing, count + 2, edges[0]) - 1
