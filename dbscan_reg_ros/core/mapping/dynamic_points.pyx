@@ -8,8 +8,9 @@ from .lookup import confirm
 
 from libc.math cimport INFINITY, cos, sin, sqrt
 
-from ..features.oriented_points cimport OrientedPoints
-from ..geometry.plane cimport bin_of, distance, length_of, modulus
+from ..features.free_space cimport PlacedPoints, write_bins
+from ..features.oriented_points cimport BLOCK, OrientedPoints
+from ..geometry.plane cimport distance, length_of, modulus
 from .lookup cimport Slot, Slots
 
 cdef double TINY = tolerance.TINY
@@ -97,7 +98,7 @@ def dynamic_points(OrientedPoints points, pose, window, Py_ssize_t frames, doubl
     """
     cdef const double complex[::1] own = points.points_view
     cdef Py_ssize_t size = own.shape[0], start = 0, end, k, free = 0, inside, total = 0, judged = 0, judged_free = 0
-    in_free_space = contains(own, pose, window.slots, frames, margin, points.inverse_noise_view)
+    in_free_space = contains(points, pose, window.slots, frames, margin)
     cdef const unsigned char[::1] flag = in_free_space
     for k in range(size):
         free += flag[k]
@@ -128,26 +129,33 @@ def dynamic_points(OrientedPoints points, pose, window, Py_ssize_t frames, doubl
     return in_free_space if few else np.zeros_like(in_free_space)
 
 
-cdef contains(const double complex[::1] own, pose, Slots slots, Py_ssize_t frames, double margin,
-              const double[::1] inverse_noise):
+cdef contains(OrientedPoints points, pose, Slots slots, Py_ssize_t frames, double margin):
     """Return which points of a scan lie in space that one of the latest key frames saw to be free."""
-    cdef Py_ssize_t k, p
-    cdef double c = cos(pose.theta), s = sin(pose.theta), x0 = pose.x, y0 = pose.y, x, y, dx, dy, least
+    cdef Py_ssize_t first = 0, i, k
+    cdef double c = cos(pose.theta), s = sin(pose.theta), x0 = pose.x, y0 = pose.y, dx, dy
+    cdef const double *own = <const double *> &points.points_view[0] if points.size else NULL
+    cdef const double[::1] inverse_noise = points.inverse_noise_view
+    cdef double[BLOCK] x, y, distances
+    cdef PlacedPoints seen
     cdef Slot *slot
-    flags = np.zeros(own.shape[0], dtype=bool)
+    flags = np.zeros(points.size, dtype=bool)
     cdef unsigned char[::1] flag = flags
     with nogil:
-        for p in range(own.shape[0]):
-            x = c * own[p].real - s * own[p].imag + x0
-            y = s * own[p].real + c * own[p].imag + y0
-            least = margin / inverse_noise[p]
+        while first < points.size:
+            seen.size = min(BLOCK, points.size - first)
+            for i in range(seen.size):
+                dx, dy = own[2 * (first + i)], own[2 * (first + i) + 1]
+                x[i], y[i] = c * dx - s * dy + x0, s * dx + c * dy + y0
             for k in range(max(slots.count - frames, 0), slots.count):
                 slot = &slots.slots[k]
-                dx, dy = x - slot.x, y - slot.y
-                if (slot.nearby[bin_of(slot.c * dx - slot.s * dy, slot.s * dx + slot.c * dy, slot.bins)]
-                        - length_of(dx, dy) > least):
-                    flag[p] = True
-                    break
+                for i in range(seen.size):
+                    dx, dy = x[i] - slot.x, y[i] - slot.y
+                    seen.x[i], seen.y[i] = slot.c * dx - slot.s * dy, slot.s * dx + slot.c * dy
+                    distances[i] = length_of(dx, dy)
+                write_bins(&seen, slot.bins)
+                for i in range(seen.size):
+                    flag[first + i] |= slot.nearby[seen.bin[i]] - distances[i] > margin / inverse_noise[first + i]
+            first += BLOCK
     return flags
 
 
