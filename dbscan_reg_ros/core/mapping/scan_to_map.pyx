@@ -26,6 +26,8 @@ cdef double TINY = tolerance.TINY
 cdef double WELL_CONSTRAINED = 0.02
 # If the points move by more than this ratio of the cell size on average, correspondences are looked up again.
 cdef double MAX_DISPLACEMENT = 0.25
+# Ratio of the largest number of points in the first iterations to `density.max_points`.
+cdef Py_ssize_t SAMPLED = 2
 # At least this fraction of the points' information is assumed to be shared by both scans.
 cdef double MIN_SHARED_RATIO = 1e-3
 
@@ -60,7 +62,7 @@ def align_to_map(window, features, initial, prior, p, coarse=None):
     cdef OrientedPoints points = features.oriented_points, few = points
     direction, least = initial.direction, p.degeneracy.parallel_tolerance
     if coarse is window and direction is None and not initial.rotation_unobservable:
-        few = sample(points, p.density.max_points)
+        few = sample(points, SAMPLED * p.density.max_points)
     scales, damping = p.refinement.window_scales(features.noise), p.refinement.damping
     last = max(len(scales) - (1 if few is points else 2), 0)
     noise = max(p.refinement.map_scale, features.noise)

@@ -34,7 +34,7 @@ cdef class Fit:
     """
 
     def __cinit__(self, OrientedPoints points, double x, double y):
-        self.points, self.x, self.y, self.table = points, x, y, np.empty((FIT_ROWS, points.size))
+        self.points, self.x, self.y, self.table = points, x, y, np.zeros((FIT_ROWS, points.size))
 
     @property
     def residuals(self):
