@@ -57,8 +57,7 @@ class ReferenceSearch:
         outcome = self._search_map()
         if outcome.match is None or (self._gate.weak_prior and not outcome.is_certain):
             outcome = outcome.joined(self._match_scan_before(outcome.match))
-        predictions = self._gate.predictions
-        if predictions.interval.missing and not outcome.ends_gap(predictions.best.prior, self._parameters):
+        if self._gate.predictions.interval.missing and not outcome.is_certain:
             outcome = outcome._replace(match=None)
         return outcome._replace(search_near=self._search_near, rejoined=self._match_lost_map(outcome.match))
 

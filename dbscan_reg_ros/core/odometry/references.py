@@ -9,12 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..features.records import Features
-from ..geometry.se2 import SE2
+from ..geometry.array_types import FloatArray
+from ..geometry.se2 import DOF, SE2
 from ..geometry.ties import order_up_to_rounding
 from ..mapping.key_frame import KeyFrame
 from ..parameters.tree import Parameters
-from ..registration.records import Prior, Registration, Status
-from ..registration.status import demoted_if_weak
+from ..registration.records import Registration, Status
+from .prediction import Prediction
 from .state import TrackState
 from .verdict import LIMITS, Decision, Reason, Verdict
 
@@ -56,6 +57,24 @@ class Match:
         """Degenerate direction [rad] of this registration in the odometry frame; None if no direction is degenerate."""
         return degenerate_direction(self.key_frame, self.registration)
 
+    def rival_covariance(self, predicted: Prediction) -> FloatArray:
+        """Return the covariance ``(3, 3)`` that other poses add to that of this one, in the frame of the scan.
+
+        The others are the rivals of the registration and, if none of its hypotheses is right, the `predicted` pose. A
+        mixture with weights w, covariances P and offsets d from this pose has the covariance sum of w (P + d d^T).
+        """
+        registration, inverse = self.registration, self.pose.inverse()
+        certainty = registration.confidence
+        if 1.0 - certainty < _CERTAIN or not registration.hypotheses:
+            return np.zeros((DOF, DOF))
+        weights = [certainty * math.exp(min(each.log_odds - registration.hypotheses[0].log_odds, 0.0))
+                   for each in registration.rivals]
+        off = np.array([(inverse @ predicted.pose).as_tuple(),
+                        *((inverse @ self.key_frame.pose @ each.transform).as_tuple() for each in registration.rivals)])
+        none = max(1.0 - certainty - sum(weights), 0.0)
+        result: FloatArray = none * predicted.gate_covariance + (off.T * [none, *weights]) @ off
+        return result
+
 
 class Outcome(NamedTuple):
     """Result of the search over all references.
@@ -92,12 +111,6 @@ class Outcome(NamedTuple):
         match = self.match
         return (match is not None and match.verdict.decision is Decision.ACCEPT
                 and match.registration.status is Status.OK)
-
-    def ends_gap(self, prior: Prior, p: Parameters) -> bool:
-        """Whether the result is unambiguous after a weak `prior`, so that the pose may jump to it after a gap."""
-        if not self.is_certain or self.registration.confidence < p.decision.min_confidence:
-            return False
-        return demoted_if_weak(self.registration, prior, p.decision).status is Status.OK
 
     @property
     def rejected(self) -> Registration:
@@ -214,6 +227,8 @@ def search_parameters(parameters: Parameters) -> Parameters:
                                refinement=dataclasses.replace(parameters.refinement, polish_iterations=0))
 
 
+_CERTAIN = 1e-6
+"""Probability of an error below which no other pose counts."""
 _GATED_ERRORS = 2.0
 """Probability of an error that is allowed where the gate checks a result, over that of a result alone."""
 _RECOVERABLE_RATIO = 0.3

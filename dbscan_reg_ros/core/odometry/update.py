@@ -218,12 +218,13 @@ class _FoundScan:
         prior = gate.used_prior(match.pose, state.wheels)
         map_prior = PosePrior(gate.predictions.best.pose, gate.prior_information(match.pose, prior))
         aligned = align_scan(state.key_frames, match, map_prior, gate.predictions, self._parameters)
+        added = match.rival_covariance(gate.predictions.best)
         # Update covariances, motion and key frames.
         information = map_prior.information if map_prior.information.any() else gate.motion_information(prior)
         covariance, gain = corrected(aligned.covariance, information)
         pose = sensor.first_at(aligned.pose)
         _propagate(state, pose, sensor.first_prior(prior), interval, sensor.first_gain(gain),
-                   sensor.first_covariance(aligned.covariance))
+                   sensor.first_covariance(aligned.covariance + added))
         if state.motion.position_unknown:
             state.covariance.reset_twist()
         constraints = aligned.motion_constraints(prior, registration)
@@ -233,7 +234,7 @@ class _FoundScan:
             state.covariance.observe(state.motion.twist)
         is_key_frame = self._update_key_frames(aligned)
         # Report, and learn from the motion.
-        pose = state.output.averaged(state.pose, sensor.first_covariance(covariance), interval.length,
+        pose = state.output.averaged(state.pose, sensor.first_covariance(covariance + added), interval.length,
                                      self._parameters.odometry.zero_velocity_gate)
         update = report(state, match.features, ReportedStep(
             pose=pose, interval=interval, status=registration.status, registration=registration,

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of references that follow the local map, and how their results are joined."""
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
+from dbscan_reg_ros.core.odometry.prediction import Prediction
 from dbscan_reg_ros.core.odometry.references import (
     Match,
     Outcome,
@@ -20,7 +22,7 @@ from dbscan_reg_ros.core.odometry.references import (
 from dbscan_reg_ros.core.odometry.state import Tracking, TrackState
 from dbscan_reg_ros.core.odometry.verdict import Decision, Reason, Verdict
 from dbscan_reg_ros.core.parameters.tree import Parameters
-from dbscan_reg_ros.core.registration.records import Registration, Status
+from dbscan_reg_ros.core.registration.records import Hypothesis, Prior, Registration, Status
 
 P = Parameters()
 ROOM = outline(L_ROOM)
@@ -94,6 +96,22 @@ def test_along_a_degenerate_direction_the_pose_is_the_predicted_one(frames):
     assert found.as_array() == pytest.approx([0.5, 0.04, 0.1])
     sure = registered(Status.OK, transform=SE2(0.2, 0.04, 0.1))
     assert predicted_along_degenerate(frame, sure, predicted) == frame.pose @ sure.transform
+
+
+@pytest.mark.parametrize(('confidence', 'rival', 'none'), [(0.6, 0.2, 0.2), (0.9, 0.0, 0.1), (1.0 - 1e-9, 0.0, 0.0)])
+def test_the_covariance_of_rivals_is_the_spread_of_the_mixture_about_the_pose(frames, confidence, rival, none):
+    """A rival 2 m to the left of the key frame that faces 0.3 rad; predicted is 0.5 m ahead of the pose."""
+    odds = math.log(rival / confidence) if rival else 0.0
+    best, other = Hypothesis(SE2(), 0.9, 1.0), Hypothesis(SE2(0.0, 2.0), 0.8, 1.0 + odds)
+    found = dataclasses.replace(registered(Status.AMBIGUOUS), confidence=confidence, hypotheses=(best, other),
+                                rivals=(other,) if rival else ())
+    pose = frames[-1].pose
+    tested = match(frames[-1], Decision.ACCEPT, Reason.WITHIN_GATE)
+    tested = dataclasses.replace(tested, pose=pose, registration=found)
+    sigma = np.diag((0.1, 0.2, 0.3)) ** 2
+    predicted = Prediction(pose @ SE2(0.5), Prior(SE2(), sigma), sigma)
+    expected = rival * np.diag((0.0, 4.0, 0.0)) + none * (sigma + np.diag((0.25, 0.0, 0.0)))
+    np.testing.assert_allclose(tested.rival_covariance(predicted), expected, atol=1e-9)
 
 
 def match(frame, decision, reason, x=0.0):
