@@ -84,13 +84,13 @@ def test_points_meet_key_frames(around, points, count):
 
 
 @given(SIZES, st.integers(1, 5))
-def test_samples_at_one_place_and_far_apart(size, min_samples):
-    here, apart = np.zeros(size), np.arange(size) * math.tau / max(size, 1)
-    together, alone = (0 if size >= min_samples else -1), np.arange(size) if min_samples == 1 else -1
-    for samples, expected in ((here, together), (apart, alone)):
+def test_samples_at_one_place_by_eights_and_far_apart(size, min_samples):
+    number = np.arange(size)
+    for cluster, alone in ((number // 8, min(size, 8) < min_samples), (number, min_samples > 1)):
+        samples = cluster * math.tau / max(size, 1)
         for found in (dbscan_circle(samples, 1e-4, min_samples, math.tau),
                       dbscan_plane(samples * np.exp(0.3j), 1e-4, min_samples)):
-            np.testing.assert_array_equal(found, np.broadcast_to(expected, size))
+            np.testing.assert_array_equal(found, np.full(size, -1) if alone else cluster)
 
 
 @given(st.integers(0, 2), st.integers(0, 2), SEEDS)
