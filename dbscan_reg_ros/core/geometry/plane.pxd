@@ -87,11 +87,11 @@ cdef inline Line fit_line(Moments sums, double count) noexcept nogil:
 
 
 cdef inline double rough_arctangent(double x, double y) noexcept nogil:
-    """Return the bearing of a point [rad] to 1e-5; not a number where the point is the sensor's or infinite.
+    """Return the bearing of a point [rad] to 1e-5, 0 at the sensor; not a number where the point is infinite.
 
     Abramowitz and Stegun, "Handbook of Mathematical Functions", 4.4.47.
     """
-    cdef double across = fabs(x), up = fabs(y), ratio = min(across, up) / max(across, up), s = ratio * ratio
+    cdef double across = fabs(x), up = fabs(y), ratio = min(across, up) / max(across, up, 1e-300), s = ratio * ratio
     cdef double angle = ratio * (0.9998660 + s * (-0.3302995 + s * (0.1801410 + s * (-0.0851330 + s * 0.0208351))))
     # Without branches, which no processor foresees.
     angle = (0.5 * M_PI if up > across else 0.0) + (-1.0 if up > across else 1.0) * angle

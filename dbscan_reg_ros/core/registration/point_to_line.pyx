@@ -34,7 +34,8 @@ cdef class Hypotheses:
         block = <Hypothesis *> malloc(2 * most * sizeof(Hypothesis))
         if block == NULL:
             raise MemoryError
-        memcpy(block, self.rows, self.size * sizeof(Hypothesis))
+        if self.size:
+            memcpy(block, self.rows, self.size * sizeof(Hypothesis))
         free(self.block)
         self.block, self.rows, self.spare, self.most = block, block, block + most, most
         self.number, self.index = np.empty((2, most)), np.empty((3, most), np.intp)
