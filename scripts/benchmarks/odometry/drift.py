@@ -53,6 +53,7 @@ BOUNDS = {
     'featureless': {'named': at_least(0.95), 'across_m': at_most(0.02), 'within': WITHIN},
 }
 BOUNDS['noise']['disturbed_ok'] = at_most(0.0)
+BOUNDS['ahead'] = {'driven_off_m': at_most(0.3)}
 
 SHOWN = (
     'relations_neighbour_mean_m', 'relations_neighbour_mean_deg', 'relations_all_mean_m', 'relations_all_std_m',
