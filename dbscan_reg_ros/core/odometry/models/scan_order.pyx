@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, binding=True, boundscheck=True, wraparound=False, cdivision=True
 """Scans of several sensors: the last one of each, and the intervals between them."""
-from .stamps import Jump, ScanInterval, seconds
+from .stamps import ScanInterval, jump_of, seconds
 
 from ...geometry.se2 cimport SE2
 
@@ -103,9 +103,7 @@ cdef class ScanOrder:
         self._several = True
         elapsed = seconds(stamp - last[1])
         if abs(elapsed) > parameters.max_jump:
-            jump = Jump.FORWARD if elapsed > 0.0 else Jump.BACKWARD
-            reason = f'no scan for {elapsed:.3f} s' if jump is Jump.FORWARD else f'stamps went back by {-elapsed:.3f} s'
-            return ScanInterval(stamps.typical, max(elapsed, 0.0), own.middle_offset, jump, reason,
+            return ScanInterval(stamps.typical, max(elapsed, 0.0), own.middle_offset, *jump_of(elapsed),
                                 own.missing or not own.elapsed)
         interval = own._replace(length=elapsed, elapsed=elapsed, jump=None, reason='', of_others=True)
         typical = stamps.typical

@@ -7,7 +7,7 @@ cimport cython
 from libc.math cimport fabs, rint, sqrt
 
 from ...geometry.tolerance import TINY
-from .stamps import GAP_RATIO, Jump, ScanInterval, ScanTiming, seconds
+from .stamps import GAP_RATIO, ScanInterval, ScanTiming, jump_of, seconds
 
 from ...geometry.se2 cimport SE2
 from .twist cimport Twist
@@ -98,10 +98,8 @@ cdef class StampFilter:
         del self._between[:-MEDIAN_SIZE]
         if jumps:
             self._middle = None
-            jump = Jump.FORWARD if elapsed > 0.0 else Jump.BACKWARD
-            reason = f'no scan for {elapsed:.3f} s' if jump is Jump.FORWARD else f'stamps went back by {-elapsed:.3f} s'
             missing = elapsed > <double> GAP_RATIO * usual
-            return ScanInterval(self.typical, max(elapsed, 0.0), middle_offset, jump, reason, missing)
+            return ScanInterval(self.typical, max(elapsed, 0.0), middle_offset, *jump_of(elapsed), missing)
         self._add(elapsed)
         regular = self._regular_interval(elapsed, scan_duration)
         self._by_stamps.since += elapsed

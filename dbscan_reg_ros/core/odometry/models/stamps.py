@@ -14,6 +14,13 @@ class Jump(Enum):
     BACKWARD = 'backward'
 
 
+def jump_of(elapsed: float) -> tuple[Jump, str]:
+    """Return the direction of a jump of the stamps by `elapsed` [s], and its description."""
+    if elapsed > 0.0:
+        return Jump.FORWARD, f'no scan for {elapsed:.3f} s'
+    return Jump.BACKWARD, f'stamps went back by {-elapsed:.3f} s'
+
+
 class ScanTiming(NamedTuple):
     """How long a scan takes.
 
