@@ -15,6 +15,7 @@ from ..geometry.ties import order_up_to_rounding
 from ..mapping.key_frame import KeyFrame
 from ..parameters.tree import Parameters
 from ..registration.records import Registration, Status
+from ..registration.status import spread
 from .prediction import Prediction
 from .state import TrackState
 from .verdict import LIMITS, Decision, Reason, Verdict
@@ -57,23 +58,20 @@ class Match:
         """Degenerate direction [rad] of this registration in the odometry frame; None if no direction is degenerate."""
         return degenerate_direction(self.key_frame, self.registration)
 
-    def rival_covariance(self, predicted: Prediction) -> FloatArray:
+    def mixture_covariance(self, predicted: Prediction) -> FloatArray:
         """Return the covariance ``(3, 3)`` that other poses add to that of this one, in the frame of the scan.
 
         The others are the rivals of the registration and, if none of its hypotheses is right, the `predicted` pose. A
         mixture with weights w, covariances P and offsets d from this pose has the covariance sum of w (P + d d^T).
         """
-        registration, inverse = self.registration, self.pose.inverse()
-        certainty = registration.confidence
+        registration, certainty = self.registration, self.registration.confidence
         if 1.0 - certainty < _CERTAIN or not registration.hypotheses:
             return np.zeros((DOF, DOF))
         weights = [certainty * math.exp(min(each.log_odds - registration.hypotheses[0].log_odds, 0.0))
                    for each in registration.rivals]
-        off = np.array([(inverse @ predicted.pose).as_tuple(),
-                        *((inverse @ self.key_frame.pose @ each.transform).as_tuple() for each in registration.rivals)])
+        poses = [self.key_frame.pose @ each.transform for each in registration.rivals]
         none = max(1.0 - certainty - sum(weights), 0.0)
-        result: FloatArray = none * predicted.gate_covariance + (off.T * [none, *weights]) @ off
-        return result
+        return none * predicted.gate_covariance + spread(self.pose, [predicted.pose, *poses], [none, *weights])
 
 
 class Outcome(NamedTuple):

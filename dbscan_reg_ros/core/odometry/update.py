@@ -218,7 +218,7 @@ class _FoundScan:
         prior = gate.used_prior(match.pose, state.wheels)
         map_prior = PosePrior(gate.predictions.best.pose, gate.prior_information(match.pose, prior))
         aligned = align_scan(state.key_frames, match, map_prior, gate.predictions, self._parameters)
-        added = match.rival_covariance(gate.predictions.best)
+        added = match.mixture_covariance(gate.predictions.best)
         # Update covariances, motion and key frames.
         information = map_prior.information if map_prior.information.any() else gate.motion_information(prior)
         covariance, gain = corrected(aligned.covariance, information)

@@ -48,9 +48,15 @@ def rival_covariance(best: Hypothesis, rivals: Sequence[Hypothesis]) -> FloatArr
 
     Each rival is weighted with the probability that it is right and the best hypothesis is wrong.
     """
-    off = np.array([(best.transform.inverse() @ each.transform).as_tuple() for each in rivals])
-    weight = [probability(each.log_odds - best.log_odds) for each in rivals]
-    covariance: FloatArray = (off.T * weight) @ off
+    return spread(best.transform, [each.transform for each in rivals],
+                  [probability(each.log_odds - best.log_odds) for each in rivals])
+
+
+def spread(pose: SE2, others: Sequence[SE2], weights: Sequence[float]) -> FloatArray:
+    """Return the sum ``(3, 3)`` of w d d^T over other poses with weights w, offset by d from a `pose`, in its frame."""
+    inverse = pose.inverse()
+    off = np.array([(inverse @ each).as_tuple() for each in others])
+    covariance: FloatArray = (off.T * weights) @ off
     return covariance
 
 

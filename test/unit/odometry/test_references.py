@@ -99,7 +99,7 @@ def test_along_a_degenerate_direction_the_pose_is_the_predicted_one(frames):
 
 
 @pytest.mark.parametrize(('confidence', 'rival', 'none'), [(0.6, 0.2, 0.2), (0.9, 0.0, 0.1), (1.0 - 1e-9, 0.0, 0.0)])
-def test_the_covariance_of_rivals_is_the_spread_of_the_mixture_about_the_pose(frames, confidence, rival, none):
+def test_the_covariance_of_the_mixture_is_its_spread_about_the_pose(frames, confidence, rival, none):
     """A rival 2 m to the left of the key frame that faces 0.3 rad; predicted is 0.5 m ahead of the pose."""
     odds = math.log(rival / confidence) if rival else 0.0
     best, other = Hypothesis(SE2(), 0.9, 1.0), Hypothesis(SE2(0.0, 2.0), 0.8, 1.0 + odds)
@@ -111,7 +111,7 @@ def test_the_covariance_of_rivals_is_the_spread_of_the_mixture_about_the_pose(fr
     sigma = np.diag((0.1, 0.2, 0.3)) ** 2
     predicted = Prediction(pose @ SE2(0.5), Prior(SE2(), sigma), sigma)
     expected = rival * np.diag((0.0, 4.0, 0.0)) + none * (sigma + np.diag((0.25, 0.0, 0.0)))
-    np.testing.assert_allclose(tested.rival_covariance(predicted), expected, atol=1e-9)
+    np.testing.assert_allclose(tested.mixture_covariance(predicted), expected, atol=1e-9)
 
 
 def match(frame, decision, reason, x=0.0):
