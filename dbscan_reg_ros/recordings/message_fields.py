@@ -110,12 +110,10 @@ def odometry_fields(state, odom_frame, base_frame) -> dict:
                       'covariance': _spatial(state.twist_covariance)}}
 
 
-def transform_fields(state, odom_frame, base_frame, inverted=False) -> dict:
-    """Return the fields of a TransformStamped from `odom_frame` to `base_frame`, or the reverse if `inverted`."""
-    pose, parent, child = state.pose, odom_frame, base_frame
-    if inverted:
-        pose, parent, child = pose.inverse(), child, parent
-    return {'header': header_fields(state.stamp, parent), 'child_frame_id': child,
+def transform_fields(state, odom_frame, base_frame) -> dict:
+    """Return the fields of a TransformStamped from `odom_frame` to `base_frame`."""
+    pose = state.pose
+    return {'header': header_fields(state.stamp, odom_frame), 'child_frame_id': base_frame,
             'transform': {'translation': {'x': pose.x, 'y': pose.y}, 'rotation': _yaw(pose.theta)}}
 
 

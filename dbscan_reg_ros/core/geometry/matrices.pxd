@@ -14,7 +14,7 @@ cdef inline void multiply(double[3][3] left, double[3][3] right, double[3][3] pr
 
 
 cdef inline void sandwich(const double *transition, Py_ssize_t rows, const double *errors, Py_ssize_t size,
-                   double *result) noexcept nogil:
+                          double *result) noexcept nogil:
     """Write T E T' of a transition ``(rows, size)`` and a covariance ``(size, size)``, at most 9 and 18."""
     cdef double[9][18] half
     cdef Py_ssize_t i, j, k

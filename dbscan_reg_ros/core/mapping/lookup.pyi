@@ -14,7 +14,6 @@ from .key_frame_window import KeyFrameWindow
 @final
 class Slots:
     def __new__(cls, frames: Sequence[KeyFrame]) -> Slots: ...
-    def __len__(self) -> int: ...
 
 def look_up_correspondences(
     window: KeyFrameWindow, pose: SE2, points: OrientedPoints, density: DensityParameters

@@ -47,9 +47,6 @@ cdef class Slots:
     def __dealloc__(self):
         free(self.slots)
 
-    def __len__(self):
-        return self.count
-
     def __reduce__(self):
         """Copies of the window make slots of their own."""
         return type(self), (self.frames,)
