@@ -52,7 +52,7 @@ MODULES = {
     'odometry': 'odometry.drift', 'silent': 'odometry.silent', 'sparse': 'odometry.sparse',
     **dict.fromkeys(('passers', 'companions', 'doors', 'pillar', 'stops', 'curved'), 'odometry.moving'),
     **dict.fromkeys(('narrow', 'covered', 'spinup'), 'odometry.hard'), 'spin': 'odometry.spin', 'sensors': 'sensors',
-    'ablation': 'odometry.ablation', 'node': 'node.running_node', 'soak': 'node.soak',
+    'ablation': 'odometry.ablation', 'node': 'node.streams', 'soak': 'node.soak',
     'lidars': 'lidars.wrong', 'heights': 'lidars.heights', 'page': 'page.page', 'watch': 'node.watched',
     'fingerprint': 'fingerprint.fingerprint',
 }

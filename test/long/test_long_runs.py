@@ -2,7 +2,7 @@
 """What the benchmarks soak, silent and node measure: a long drive, equal bits, wrong answers, a running node."""
 import numpy as np
 import pytest
-from benchmarks.node import running_node, soak, two_lidars
+from benchmarks.node import running_node, soak, streams, two_lidars
 from benchmarks.odometry import silent
 from benchmarks.odometry.courses import Course
 from benchmarks.odometry.drift import Drive
@@ -95,7 +95,7 @@ def test_counts_of_several_drives_add_up_and_the_greatest_error_counts():
 
 def test_the_bench_of_the_node_measures_a_running_node():
     pytest.importorskip('rclpy', reason='needs ROS 2 (rclpy)')
-    figures = running_node.run(beams=181, fov=180.0, rate=10.0, count=30)
+    figures = streams.run(beams=181, fov=180.0, rate=10.0, count=30)
     assert figures['lost_count'] < 15
     assert 0.0 < figures['ms_p50'] <= figures['ms_p99'] < 2000.0
     assert 0.0 < figures['core'] < 4.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which module may import which, read from the source: layers, circles, sizes."""
+"""Which module may import which, read from the source: layers and circles."""
 import ast
 import keyword
 import re
@@ -52,7 +52,7 @@ def syntax_tree(path):
 
 def imported(path, package):
     """Absolute names of all that a file imports, anywhere in it."""
-    inside = [PACKAGE, *path.relative_to(package).parent.parts]
+    inside = [package.name, *path.relative_to(package).parent.parts]
     for node in ast.walk(syntax_tree(path)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -167,17 +167,6 @@ def test_layers_import_only_lower_layers_and_their_own(graph):
             assert BENCHMARKS not in {top(target) for target in targets}, module
 
 
-def test_folders_and_modules_are_of_a_size_that_can_be_surveyed(graph, root):
-    for folder in {path.parent for path in graph.paths.values()}:
-        most = 14 if {'core', 'node'} & set(folder.relative_to(folder.parents[-2]).parts) else 16
-        assert len([path for path in folder.iterdir() if path.suffix in SOURCE_SUFFIXES]) <= most, folder
-    for folder in {path.parent for path in sources(root / 'test')}:
-        assert len([path for path in folder.iterdir() if path.is_file()]) <= 25, folder
-    long = {module: lines for module, path in graph.paths.items() if '.parameters.' not in module
-            and (lines := len(path.read_text().splitlines())) > 300}
-    assert long == {}
-
-
 def test_the_whole_core_loads_without_scikit_learn(root):
     code = ('import importlib, pathlib, sys\n'
             f'for path in pathlib.Path("{PACKAGE}/core").rglob("*.py"): '
@@ -187,8 +176,7 @@ def test_the_whole_core_loads_without_scikit_learn(root):
     assert result.stdout == '[]\n'
 
 
-def test_what_reads_bags_with_ros_is_small_and_imported_in_one_place(package):
-    assert len((package / WITH_ROSBAG2_PY).read_text().splitlines()) <= 150
+def test_what_reads_bags_with_ros_is_imported_in_one_place(package):
     importing = {path.name for path in sources(package)
                  if any(name.endswith('with_rosbag2_py') for name in imported(path, package))}
     assert importing == {'bag_library.py'}
@@ -212,7 +200,6 @@ def test_each_field_of_the_track_state_is_assigned_in_one_module(package):
     state = next(node for node in ast.parse((odometry / 'state.py').read_text()).body
                  if isinstance(node, ast.ClassDef) and node.name == 'TrackState')
     fields = {node.target.id for node in state.body if isinstance(node, ast.AnnAssign)}
-    assert len(fields) <= 10
     assert set(modules) <= fields
     assert {name: files for name, files in modules.items() if len(files) > 1} == {}
     assert {name for name, files in modules.items() if files != {'update.py'}} == {'sensors'}
@@ -224,15 +211,6 @@ def test_only_the_gate_decides_whether_a_result_is_believed(package):
     measuring = {path.name for path in sources(odometry) if 'mahalanobis(' in path.read_text()}
     assert measuring == {'gate.pyx', 'pose_output.pyx'}
     assert {path.name for path in sources(odometry) if 'return Verdict(' in path.read_text()} == {'gate.pyx'}
-
-
-def test_the_odometry_is_a_short_list_of_steps(package):
-    tree = ast.parse((package / 'core' / 'odometry' / 'pipeline.py').read_text())
-    odometry = next(node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == 'Odometry')
-    process = next(node for node in odometry.body if isinstance(node, ast.FunctionDef) and node.name == 'process')
-    body = process.body[1:]
-    assert body[-1].end_lineno - body[0].lineno + 1 <= 40
-    assert len({name for name in assigned_fields(odometry, {'self'}) if name.startswith('_')}) <= 6
 
 
 def test_only_three_functions_read_the_name_of_the_node_of_an_endpoint(root):
