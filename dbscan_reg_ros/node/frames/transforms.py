@@ -107,7 +107,7 @@ class TransformListener:
                 self._on_moving(message)
         if self._store:
             return
-        useful = self._sender.gives_way or (self._sender.is_sending and self._has_other_publisher())
+        useful = self._sender.has_publisher and self._has_other_publisher()
         if useful and not self._moving:
             self._moving = self._subscription()
         elif self._moving and not useful:

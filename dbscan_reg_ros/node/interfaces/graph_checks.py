@@ -120,13 +120,13 @@ class Competition:
         return self._text
 
 
-def may_send_odometry(node: Node, endpoint: TopicEndpointInfo) -> bool:
-    """Whether the node of an endpoint publishes an odometry; true also while the node is not discovered yet."""
+def is_scan_matcher(node: Node, endpoint: TopicEndpointInfo) -> bool:
+    """Whether the node of an endpoint is one of this package: it has the service ``~/snapshot``."""
     try:
-        topics = node.get_publisher_names_and_types_by_node(endpoint.node_name, endpoint.node_namespace)
+        services = node.get_service_names_and_types_by_node(endpoint.node_name, endpoint.node_namespace)
     except RuntimeError:
-        return True
-    return any('nav_msgs/msg/Odometry' in kinds for _, kinds in topics)
+        return False
+    return any(name == f'{full_name(endpoint)}/snapshot' for name, _ in services)
 
 
 def shared(node: Node, publisher: Publisher) -> str:

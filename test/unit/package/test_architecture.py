@@ -221,5 +221,5 @@ def test_only_three_functions_read_the_name_of_the_node_of_an_endpoint(root):
             if isinstance(function, ast.FunctionDef):
                 readers |= {(path.name, function.name) for node in ast.walk(function)
                             if isinstance(node, ast.Attribute) and node.attr == 'node_name'}
-    assert readers == {('graph_checks.py', 'full_name'), ('graph_checks.py', 'may_send_odometry'),
+    assert readers == {('graph_checks.py', 'full_name'), ('graph_checks.py', 'is_scan_matcher'),
                        ('player.py', '_node_names')}
