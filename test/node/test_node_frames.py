@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames: where the laser sits, as transforms say; our own transform, and those of others."""
-import importlib.util
 import itertools
 import math
-import os
 
 import pytest
 import rclpy  # noqa: F401 - needs ROS
@@ -146,56 +144,13 @@ def test_two_lasers_on_one_topic_are_named(node, player, peer, scans):
     assert node.output().count('the scans change') == 1
 
 
-TF2_ROS = """
-class TransformException(Exception):
-    pass
-
-class ExtrapolationException(TransformException):
-    pass
-
-class Buffer:
-    def __init__(self):
-        self.clear()
-
-    def set_transform(self, message, authority):
-        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-        if stamp >= max(self.messages, default=stamp) - 10 * 10**9:
-            self.messages[stamp] = message
-
-    def clear(self):
-        self.messages = {}
-
-    def lookup_transform(self, target, source, time):
-        if not self.messages:
-            raise TransformException('nothing is known')
-        stamp = time.nanoseconds or max(self.messages)
-        if stamp not in self.messages:
-            raise ExtrapolationException(f'{stamp} is not known')
-        return self.messages[stamp]
-"""
-"""The transforms of one moving frame at the stamps of the scans, all that the node uses."""
-
-
-@pytest.fixture
-def with_tf2_ros(tmp_path, ros_environment):
-    """An environment in which tf2_ros can be imported: the real one where it is installed."""
-    if importlib.util.find_spec('tf2_ros'):
-        return {}
-    folder = tmp_path / 'with'
-    folder.mkdir()
-    (folder / 'tf2_ros.py').write_text(TF2_ROS)
-    return {'PYTHONPATH': os.pathsep.join([str(folder), os.environ['PYTHONPATH']])}
-
-
-def test_with_tf2_ros_transforms_whose_stamps_start_again_are_taken(start_command, player, peer, scans_and_truth,
-                                                                    with_tf2_ros, tf_type):
+def test_transforms_whose_stamps_start_again_are_taken(start_command, player, peer, scans_and_truth, tf_type):
     """The base stands still on the spot where the sensor starts.
 
     The laser drives away on it, and again from elsewhere.
     """
     scans, truth = scans_and_truth
-    node = start_command('scan_matcher', '--ros-args', '-p', 'publish_tf:=false', '-p', 'input.queue_size:=50',
-                         **with_tf2_ros)
+    node = start_command('scan_matcher', '--ros-args', '-p', 'publish_tf:=false', '-p', 'input.queue_size:=50')
     player.wait_for_node(TIMEOUT)
     moving = Loudspeaker(peer, tf_type, '/tf')
     for away in (SE2(), SE2(5.0, -3.0, 2.0)):
@@ -211,9 +166,8 @@ def test_with_tf2_ros_transforms_whose_stamps_start_again_are_taken(start_comman
     assert 'is not known at the time of the scan' not in node.output()
 
 
-def test_with_tf2_ros_stamps_before_1970_take_the_latest_transform(start_command, player, peer, scans, with_tf2_ros,
-                                                                   tf_type):
-    node = start_command('scan_matcher', **with_tf2_ros)
+def test_stamps_before_1970_take_the_nearest_transform(start_command, player, peer, scans, tf_type):
+    node = start_command('scan_matcher')
     player.wait_for_node(TIMEOUT)
     old = restamped(scans[:5], [(k - 100) * SECOND for k in range(5)])
     assert player.play(old[:1], patience=0.2).lost == 1

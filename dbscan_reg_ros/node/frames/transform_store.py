@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Buffer of transforms: that of tf2_ros if it is installed, else a small buffer in Python."""
+"""Buffer of transforms."""
 import bisect
-from typing import Any
+import math
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped
@@ -19,14 +19,6 @@ SILENT = 5_000_000_000
 
 Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Translation ``(3,)`` [m] and unit quaternion ``(4,)`` (x, y, z, w)."""
-
-
-def make_store() -> 'Tf2Store | TransformStore':
-    """Make a `Tf2Store` where tf2_ros is installed, else a `TransformStore`."""
-    try:
-        return Tf2Store()
-    except ModuleNotFoundError:
-        return TransformStore()
 
 
 class TransformStore:
@@ -161,72 +153,12 @@ class _Edge:
             return matrix_from_pose(*self._poses[after]), self._stamps[after] == stamp
         (t0, q0), (t1, q1) = self._poses[after - 1], self._poses[after]
         ratio = (stamp - self._stamps[after - 1]) / (self._stamps[after] - self._stamps[after - 1])
-        if q0 @ q1 < 0.0:
-            q1 = -q1
-        return matrix_from_pose(t0 + ratio * (t1 - t0), q0 + ratio * (q1 - q0)), True
+        return matrix_from_pose(t0 + ratio * (t1 - t0), _slerp(q0, q1, ratio)), True
 
 
-class Tf2Store:
-    """Buffer of tf2_ros with the interface of `TransformStore`.
-
-    Attributes
-    ----------
-    parents : dict
-        Frame -> its parent, of all transforms received.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        When tf2_ros is not installed.
-    """
-
-    def __init__(self) -> None:
-        import tf2_ros
-        self._tf2 = tf2_ros
-        self._buffer = tf2_ros.Buffer()
-        self._newest: dict[str, int] = {}
-        self.parents: dict[str, str] = {}
-        self._static: set[str] = set()
-
-    def add(self, message: TransformStamped, static: bool) -> None:
-        """Add a transform as `TransformStore.add` does; tf2 alone does not clear its buffer when time has gone back."""
-        child, stamp = message.child_frame_id, in_nanoseconds(message.header.stamp)
-        self.parents[child] = message.header.frame_id
-        if static:
-            self._static.add(child)
-            self._buffer.set_transform_static(message, 'scan_matcher')
-            return
-        newest = self._newest.get(child)
-        if newest is not None and stamp < newest - SPAN:
-            self.clear()
-            newest = None
-        self._newest[child] = stamp if newest is None else max(stamp, newest)
-        # In a tf2 buffer, a single stray transform replaces a static one for good.
-        if child not in self._static or (newest is not None and abs(stamp - newest) <= SILENT):
-            self._buffer.set_transform(message, 'scan_matcher')
-
-    def clear(self) -> None:
-        """Remove the transforms that were received on /tf, because time has gone back."""
-        self._buffer.clear()
-        self._newest.clear()
-
-    def lookup(self, target: str, source: str, stamp: int) -> tuple[NDArray[np.float64], bool]:
-        """Look up a transform as `TransformStore.lookup` does; if it is unknown then, return the latest transform."""
-        from rclpy.time import Time
-        try:
-            if stamp >= 0:
-                return self._at(target, source, Time(nanoseconds=stamp)), True
-        except self._tf2.ExtrapolationException:
-            pass
-        except self._tf2.TransformException as error:
-            raise NoTransformError(str(error)) from None
-        try:
-            return self._at(target, source, Time()), False
-        except self._tf2.TransformException as error:
-            raise NoTransformError(str(error)) from None
-
-    def _at(self, target: str, source: str, time: Any) -> NDArray[np.float64]:
-        pose = pose_from_message(self._buffer.lookup_transform(target, source, time).transform)
-        if pose is None:
-            raise NoTransformError(f'the transform from {source!r} to {target!r} is invalid')
-        return matrix_from_pose(*pose)
+def _slerp(q0: NDArray[np.float64], q1: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
+    """Interpolate between unit quaternions ``(4,)`` with a constant rate of rotation, the shorter way round."""
+    if q0 @ q1 < 0.0:
+        q1 = -q1
+    half = 2.0 * math.atan2(float(np.linalg.norm(q1 - q0)), float(np.linalg.norm(q1 + q0)))
+    return q0 if half == 0.0 else np.sin((1.0 - ratio) * half) * q0 + np.sin(ratio * half) * q1

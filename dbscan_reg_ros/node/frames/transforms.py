@@ -17,7 +17,7 @@ from ..interfaces.no_qos_events import NO_SUBSCRIPTION_EVENTS
 from ..interfaces.subscriptions import WakingCallbackGroup, taken
 from .missing_transform import describe_missing
 from .transform_sender import TransformSender, transform_type
-from .transform_store import make_store
+from .transform_store import TransformStore
 
 STATIC_DEPTH = 100
 MOVING_DEPTH = 1000
@@ -53,7 +53,7 @@ class TransformListener:
         self._is_urgent = is_urgent
         self._sender = sender
         self._topic = node.resolve_topic_name('/tf')
-        self._store = make_store() if store else None
+        self._store = TransformStore() if store else None
         self._moving = self._subscription() if store else None
         self._static: Subscription | None = None
         self._static_publishers: set[bytes] = set()

@@ -22,7 +22,7 @@ from ...core.geometry.se2 import SE2
 from ...core.scan import Scan, in_nanoseconds
 from ...robot.parameter_groups import LASER_SCAN
 from ..frames.transform_sender import transform_type
-from ..frames.transform_store import make_store
+from ..frames.transform_store import TransformStore
 from ..interfaces.graph_checks import UNNAMED, full_name, publishers
 from ..interfaces.messages import PoseError, planar_from_message
 from ..interfaces.no_qos_events import NO_SUBSCRIPTION_EVENTS
@@ -102,7 +102,7 @@ class Listener:
         if self._lidars:
             self._lidars.close()
         self._lidars = None
-        self._transforms = make_store()
+        self._transforms = TransformStore()
 
     def __enter__(self) -> 'Listener':
         return self

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Transforms by frames and times."""
-import importlib.util
 import math
 
 import numpy as np
 import pytest
-import rclpy  # noqa: F401 - needs ROS
+from rclpy.time import Time
 from ros_helpers import transform as transform_at
 
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.node.errors import NoTransformError
-from dbscan_reg_ros.node.frames.transform_store import Tf2Store, TransformStore
+from dbscan_reg_ros.node.frames.transform_store import TransformStore
+from dbscan_reg_ros.node.interfaces.messages import matrix_from_message
 
 SECOND = 1_000_000_000
 
@@ -19,10 +19,32 @@ def transform(parent, child, x=0.0, y=0.0, yaw=0.0, **more):
     return transform_at(parent, child, SE2(x, y, yaw), **more)
 
 
-@pytest.fixture(params=[TransformStore, pytest.param(Tf2Store, marks=pytest.mark.skipif(
-    importlib.util.find_spec('tf2_ros') is None, reason='needs tf2_ros, part of a ROS installation'))])
-def store(request):
-    return request.param()
+@pytest.fixture
+def store():
+    return TransformStore()
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_the_same_transforms_are_found_as_by_tf2_ros(store, seed):
+    """A tree of ten frames, each static or moving; at, between and outside the stamps of the moving ones."""
+    tf2_ros = pytest.importorskip('tf2_ros', reason='needs tf2_ros, part of a ROS installation')
+    rng, buffer = np.random.default_rng(seed), tf2_ros.Buffer()
+    for frame in range(1, 10):
+        static, parent = bool(rng.integers(2)), f'f{rng.integers(frame)}'
+        for stamp in [0] if static else np.sort(rng.integers(100 * SECOND, 105 * SECOND, 20)).tolist():
+            message = transform(parent, f'f{frame}', *rng.uniform(-3.0, 3.0, 3), stamp=stamp)
+            store.add(message, static)
+            (buffer.set_transform_static if static else buffer.set_transform)(message, 'test')
+    for stamp in rng.integers(99 * SECOND, 106 * SECOND, 200).tolist():
+        target, source = (f'f{k}' for k in rng.integers(10, size=2))
+        matrix, known = store.lookup(target, source, stamp)
+        try:
+            found = buffer.lookup_transform(target, source, Time(nanoseconds=stamp))
+        except tf2_ros.ExtrapolationException:
+            assert not known
+        else:
+            assert known
+            assert matrix == pytest.approx(matrix_from_message(found.transform), abs=1e-9)
 
 
 def test_static_transforms_are_composed_along_the_tree(store):
@@ -46,6 +68,8 @@ def test_moving_transforms_are_interpolated_and_held_outside_their_time(store):
     assert known
     assert matrix[0, 3] == pytest.approx(1.5)
     assert abs(math.atan2(matrix[1, 0], matrix[0, 0])) == pytest.approx(math.pi)
+    matrix, _ = store.lookup('base', 'laser', 10 * SECOND + SECOND // 4)
+    assert math.atan2(matrix[1, 0], matrix[0, 0]) == pytest.approx(3.0 + 0.25 * (2.0 * math.pi - 6.0))
     matrix, known = store.lookup('base', 'laser', 12 * SECOND)
     assert not known
     assert matrix[0, 3] == pytest.approx(2.0)
@@ -75,8 +99,7 @@ def test_a_moving_transform_that_goes_on_counts_before_a_static_one(store):
     assert known and matrix[0, 3] == pytest.approx(2.5)
 
 
-def test_after_strays_the_static_transform_counts_again():
-    store = TransformStore()
+def test_after_strays_the_static_transform_counts_again(store):
     store.add(transform('base', 'laser', x=1.0), static=True)
     for k in range(2):
         store.add(transform('elsewhere', 'laser', x=9.0, stamp=(10 + k) * SECOND), static=False)
@@ -110,8 +133,7 @@ def test_restarted_stamps_clear_moving_transforms_and_a_late_stamp_does_not(stor
         store.lookup('base', 'camera', 101 * SECOND)
 
 
-def test_transforms_without_a_rotation_are_passed_over():
-    store = TransformStore()
+def test_transforms_without_a_rotation_are_passed_over(store):
     broken = transform('base', 'laser')
     broken.transform.rotation.w = 0.0
     store.add(broken, static=True)
@@ -119,16 +141,14 @@ def test_transforms_without_a_rotation_are_passed_over():
         store.lookup('base', 'laser', 0)
 
 
-def test_a_loop_of_frames_ends():
-    store = TransformStore()
+def test_a_loop_of_frames_ends(store):
     store.add(transform('a', 'b'), static=True)
     store.add(transform('b', 'a'), static=True)
     with pytest.raises(NoTransformError):
         store.lookup('c', 'a', 0)
 
 
-def test_the_past_is_forgotten():
-    store = TransformStore()
+def test_the_past_is_forgotten(store):
     for k in range(1000):
         store.add(transform('base', 'laser', stamp=k * SECOND), static=False)
     assert len(store._moving['laser']._stamps) <= 22

@@ -14,7 +14,7 @@ from dbscan_reg_ros.command_lines import COMMANDS
 PACKAGE = 'dbscan_reg_ros'
 ROSDEP_KEYS = {'PIL': 'python3-pil', 'matplotlib': 'python3-matplotlib', 'numpy': 'python3-numpy',
                'scipy': 'python3-scipy',
-               'sklearn': 'python3-sklearn', 'tf2_ros': 'tf2_ros_py', 'tqdm': 'python3-tqdm', 'yaml': 'python3-yaml'}
+               'sklearn': 'python3-sklearn', 'tqdm': 'python3-tqdm', 'yaml': 'python3-yaml'}
 NO_ROSDEP_KEY = {'distributed', 'lz4', 'optuna', 'rosbags'}
 """Got by pip; lz4 comes with rosbags."""
 ONLY_COMPARED_WITH = {'kiss_icp', 'small_gicp'}
