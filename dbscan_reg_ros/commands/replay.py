@@ -7,7 +7,8 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..core.errors import RecordingError
+from ..core.errors import DbscanRegError, RecordingError
+from ..paths import check_writable
 from ..requirements import missing_line
 from .command_line import (
     INCOMPLETE,
@@ -55,6 +56,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--close-loops', action='store_true', help='after the odometry, close loops: correct the '
                         'trajectory where the sensor returned to a place, and also write closed.tum and '
                         'map_closed.png')
+    parser.add_argument('--map-out', metavar='FILE', type=Path, help='close loops, and write the map of key frames, in '
+                        'which a robot can be localised, to FILE (.npz)')
+    parser.add_argument('--g2o', action='store_true', help='close loops, and write the pose graph of the key frames as '
+                        'graph.g2o, with VERTEX_SE2 and EDGE_SE2')
     parser.add_argument('--animation', action='store_true', help='also write a moving picture of 12 s: each scan on '
                         'the growing map, then the closed map; animation.gif, its last frame animation.png, and '
                         'animation.mp4 where ffmpeg is found')
@@ -78,6 +83,10 @@ def replay(args):
     from ..robot.parameters import REPLAYED, NodeParameters
     from .workers import processors, workers
 
+    if args.map_out:
+        if len(args.files) > 1:
+            raise DbscanRegError(f'--map-out {args.map_out}: expected one recording; {len(args.files)} are given')
+        check_writable(args.map_out, DbscanRegError)
     parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
     if args.wheels:
         parameters = replace(parameters, prior=replace(parameters.prior, source=WHEELS))
@@ -87,7 +96,8 @@ def replay(args):
     place = Path.absolute if args.scheduler else Path
     lidars = Lidars(topics, parse_mountings(args.mounting))
     jobs = [Job(place(_path(file, args)), lidars, parameters, place(Path(args.out)),
-                args.close_loops, args.verbose, args.animation, len(args.files) > 1, args.grid, args.frame == 'base')
+                args.close_loops or args.g2o or bool(args.map_out), args.verbose, args.animation, len(args.files) > 1,
+                args.grid, args.frame == 'base', args.map_out and place(args.map_out), args.g2o)
             for file in args.files]
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
         outcomes = [_outcome(future, args.verbose) for future in [executor.submit(replay_one, job) for job in jobs]]
@@ -139,6 +149,10 @@ class Job:
         Side of the cells of the occupancy grid [m]; None: no grid is written.
     base : bool
         Write the poses of the base instead of those of the lidar.
+    map_out : Path or None
+        File of the map of key frames; None: it is not written.
+    g2o : bool
+        Write the pose graph.
     """
 
     path: Path
@@ -151,6 +165,8 @@ class Job:
     indexed: bool = False
     grid: float | None = None
     base: bool = False
+    map_out: Path | None = None
+    g2o: bool = False
 
 
 @dataclass(frozen=True)
@@ -209,7 +225,8 @@ def replay_one(job) -> Replayed:
     results = Results(folder, recording, job.parameters, trajectory, PairsToReview(),
                       Loops() if job.close_loops else None, faults, ScanHistory(yaw), MapPoints(recording.count, yaw),
                       job.animation, '../../index.html' if job.indexed else '', odometry if others else None,
-                      grid=job.grid, bodies=bodies, on_base=mounting.pose if job.base else None)
+                      grid=job.grid, bodies=bodies, on_base=mounting.pose if job.base else None, map_out=job.map_out,
+                      g2o=job.g2o, mounting=mounting.aligned_pose)
     faults.attempt('parameters.yaml', write_parameters, folder / 'parameters.yaml', job.parameters,
                    f'The parameters of the replay of {job.path.name}.')
     try:

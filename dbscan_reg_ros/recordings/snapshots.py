@@ -33,9 +33,6 @@ The file is an ``.npz`` archive of plain numpy arrays, read without pickle:
 ``matches_K``
     int64 (M, 2), as in `Registration`.
 """
-import json
-import math
-import zipfile
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -47,15 +44,10 @@ from ..core.geometry.array_types import FloatArray
 from ..core.geometry.se2 import SE2
 from ..core.registration.records import Hypothesis, Prior, Registration, Status
 from ..core.scan import Scan
-from ..core.scan_geometry import ScanGeometry
-from ..paths import check_file
-from .files import replacing
+from .archives import Archive, scan_fields, scans_of
 from .trajectories import finite_numbers
 
-FORMAT = 'dbscan_reg_ros snapshot'
-VERSION = 1
-LARGEST = 128 * 2**20
-"""Maximum size of an unpacked snapshot [bytes]; 1000 scans of 4000 beams have 16 MB of ranges."""
+ARCHIVE = Archive('snapshot', 'dbscan_reg_ros snapshot', 1, '~/snapshot', RecordingError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,28 +111,14 @@ class Snapshot:
 
 def write_snapshot(path, snapshot: Snapshot):
     """Write `snapshot` to the file at `path`; the file appears complete or not at all."""
-    from importlib import metadata
-    try:
-        package = metadata.version('dbscan_reg_ros')
-    except metadata.PackageNotFoundError:
-        package = ''
     arrays: dict[str, np.ndarray] = {}
-    scans: list[dict[str, object]] = []
-    indices: dict[int, int] = {}
+    scans: dict[int, Scan] = {}
     for update in snapshot.updates:
-        for scan in filter(None, (update.reference, update.scan)):
-            if id(scan) not in indices:
-                index = indices[id(scan)] = len(scans)
-                scans.append(_scan_fields(scan))
-                arrays[f'ranges_{index}'] = scan.ranges
-                if scan.geometry.bearings_given is not None:
-                    arrays[f'bearings_{index}'] = scan.geometry.bearings
+        scans |= {id(scan): scan for scan in filter(None, (update.reference, update.scan))}
+    indices = {number: index for index, number in enumerate(scans)}
+    fields = scan_fields(scans.values(), arrays)
     updates = [_update_fields(update, k, indices, arrays) for k, update in enumerate(snapshot.updates)]
-    text = json.dumps({'format': FORMAT, 'version': VERSION, 'package': package, 'parameters': snapshot.parameters,
-                       'scans': scans, 'updates': updates}, allow_nan=False)
-    arrays['snapshot'] = np.frombuffer(text.encode(), dtype=np.uint8)
-    with replacing(path, binary=True) as file:
-        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # no array is named as an option of the function
+    ARCHIVE.write(path, {'parameters': snapshot.parameters, 'scans': fields, 'updates': updates}, arrays)
 
 
 def read_snapshot(path) -> Snapshot:
@@ -151,48 +129,13 @@ def read_snapshot(path) -> Snapshot:
     RecordingError
         When the file cannot be read or is no snapshot.
     """
-    check_file(path, RecordingError)
-    try:
-        arrays = _arrays(path)
-        described = json.loads(arrays['snapshot'].tobytes().decode())
-        if (described['format'], described['version']) != (FORMAT, VERSION):
-            raise RecordingError(f'{path}: {described["format"]!r} version {described["version"]}: expected {FORMAT!r} '
-                                 f'version {VERSION}')
-        scans = [_scan(fields, index, arrays) for index, fields in enumerate(described['scans'])]
-        updates = [_update(fields, k, scans, arrays) for k, fields in enumerate(described['updates'])]
-        return Snapshot(described['parameters'], updates)
-    except OSError as error:
-        raise RecordingError(f'{path}: cannot be read: {error.strerror or error}') from None
-    except RecordingError:
-        raise
-    except Exception as error:  # noqa: BLE001 - a damaged archive makes numpy raise nearly anything
-        raise RecordingError(f'{path}: no snapshot ({error}); expected a file that ~/snapshot wrote') from None
+    return ARCHIVE.read(path, _snapshot)
 
 
-def _arrays(path):
-    """Return name -> array of a snapshot file; raise RecordingError if it unpacks to more than `LARGEST` bytes."""
-    with zipfile.ZipFile(path) as archive:
-        size = sum(part.file_size for part in archive.infolist())
-    if size > LARGEST:
-        raise RecordingError(f'{path}: holds {size} bytes; expected at most {LARGEST}')
-    with np.load(path, allow_pickle=False) as archive:
-        return {name: archive[name] for name in archive.files}
-
-
-def _scan_fields(scan):
-    geometry = scan.geometry
-    limit = geometry.range_max
-    return {'stamp': scan.stamp, 'frame_id': scan.frame_id, 'time_increment': scan.time_increment,
-            'angle_min': geometry.angle_min, 'angle_increment': geometry.angle_increment,
-            'range_min': geometry.range_min, 'range_max': limit if math.isfinite(limit) else None}
-
-
-def _scan(fields, index, arrays):
-    ranges, bearings = arrays[f'ranges_{index}'], arrays.get(f'bearings_{index}')
-    limit = math.inf if fields['range_max'] is None else fields['range_max']
-    geometry = ScanGeometry(fields['angle_min'], fields['angle_increment'], len(ranges), fields['range_min'], limit,
-                            None if bearings is None else tuple(bearings.tolist()))
-    return Scan(fields['stamp'], ranges, geometry, fields['time_increment'], fields['frame_id'])
+def _snapshot(fields, arrays):
+    """Return the snapshot of the JSON `fields` and the `arrays` of an archive."""
+    scans = scans_of(fields['scans'], arrays)
+    return Snapshot(fields['parameters'], [_update(each, k, scans, arrays) for k, each in enumerate(fields['updates'])])
 
 
 def _update_fields(update, k, indices, arrays):

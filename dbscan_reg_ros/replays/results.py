@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write the result files of a replay; if one of them cannot be written, all others are written nevertheless."""
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +9,8 @@ from ..core.geometry.se2 import SE2
 from ..evaluation.known_motion import NOTHING_KNOWN, KnownMotion
 from ..evaluation.metrics import align
 from ..figures.plots import MapPoints, draw_map
+from ..places.map import Map
+from ..places.pose_graph import write_g2o
 from ..recordings import write_tum
 from ..recordings.poses import compose
 from ..recordings.recording import Recording
@@ -60,6 +62,12 @@ class Results:
         Finds where the lidars see the robot itself; None if that is not searched.
     on_base : SE2 or None
         Pose of the lidar on the base, where the files of poses have those of the base; None: those of the lidar.
+    map_out : Path or None
+        File of the map of key frames; None: it is not written.
+    g2o : bool
+        Write the pose graph.
+    mounting : SE2
+        Pose of the scans on the robot, as the odometry receives them.
     entry : DriveEntry or None
         Entry in the index of several replays, set when the results are written.
     """
@@ -79,6 +87,9 @@ class Results:
     grid: float | None = None
     bodies: OwnBodies | None = None
     on_base: SE2 | None = None
+    map_out: Path | None = None
+    g2o: bool = False
+    mounting: SE2 = field(default_factory=SE2)
     entry: DriveEntry | None = None
 
     def write(self, register='') -> list:
@@ -142,10 +153,14 @@ class Results:
     def _close(self, known, measures):
         """Close the loops, add their error measures; return the corrected poses and the pairs of scans of the loops."""
         poses = self.trajectory.pose_array()
-        closed, pairs = self.loops.close(poses, self.parameters.for_odometry(), self.trajectory.yaw)
+        closed, pairs, graph = self.loops.close(poses, self.parameters.for_odometry(), self.trajectory.yaw)
         errors = self.faults.attempt('errors against the truth', known.measures, self.trajectory.stamps, closed) or {}
         measures |= {'loops': len(pairs)} | {f'closed_{name}': value for name, value in errors.items()}
         self.write_poses('closed.tum', self.trajectory.stamps, closed)
+        if self.map_out:
+            self.faults.attempt(str(self.map_out), Map.of_drive(self.loops, graph, self.mounting).save, self.map_out)
+        if self.g2o:
+            self.faults.attempt('graph.g2o', write_g2o, self.folder / 'graph.g2o', graph)
         return closed, pairs
 
     def _draw_closed(self, closed, truth):

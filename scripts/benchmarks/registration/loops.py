@@ -50,12 +50,11 @@ def judge(course, wrong) -> dict:
         poses.append(update.pose.as_array())
         used.append(number)
     poses, course = np.array(poses), course.take(used)
-    found = list(loops.find(poses, Parameters()))
-    closed, pairs = loops.correct(poses, found)
-    metrics = {'loops_count': len(found), 'wrong_count': 0}
-    if found:
+    closed, pairs, graph = loops.close(poses, Parameters())
+    metrics = {'loops_count': len(pairs), 'wrong_count': 0}
+    if len(pairs):
         first, last = course.reference[pairs].swapaxes(0, 1)
-        metres, degrees = errors(np.array([each.motion for each in found]), relative(first, last))
+        metres, degrees = errors(graph.constraints.loops.motions, relative(first, last))
         metrics |= {'wrong_count': int(((metres > wrong[0]) | (degrees > wrong[1])).sum()),
                     'worst_m': float(metres.max()), 'worst_deg': float(degrees.max())}
     for name, each in (('open', poses), ('closed', closed)):

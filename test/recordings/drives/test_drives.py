@@ -109,7 +109,7 @@ def test_a_drive_that_drifts_closes_where_it_comes_back(yaw):
     drifted = truth[:1]
     for step in relative(truth[:-1], truth[1:]):
         drifted = np.vstack((drifted, compose(drifted[-1:], step[None] + (0.0, 0.0, math.radians(0.01)))))
-    closed, pairs = loops.close(drifted, Parameters(), yaw)
+    closed, pairs, _ = loops.close(drifted, Parameters(), yaw)
     assert len(pairs) > 20
     assert (pairs[:, 1] > pairs[:, 0]).all()
     assert closed[0] == pytest.approx(truth[0])

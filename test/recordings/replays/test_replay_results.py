@@ -15,6 +15,7 @@ from dbscan_reg_ros.commands.convert import main as convert
 from dbscan_reg_ros.commands.replay import main
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.evaluation.metrics import duration, path_lengths
+from dbscan_reg_ros.places.map import Map
 from dbscan_reg_ros.recordings import open_recording, read_tum
 from dbscan_reg_ros.replays.loops import Loops
 from dbscan_reg_ros.replays.pairs_to_review import PairsToReview
@@ -123,6 +124,18 @@ def test_four_seconds_cut_out_of_a_recording_on_the_move_give_whole_results(data
     count = len(open_recording(piece).stamps())
     assert count > 30
     assert whole(tmp_path / 'out' / 'piece' / 'latest', count)['ok'] > 0.9 * count
+
+
+def test_a_map_of_key_frames_and_its_graph_are_written(cases, tmp_path, capsys):
+    recording, file = str(cases / 'replay_starts_in_motion' / 'four_seconds'), tmp_path / 'map.npz'
+    assert main([recording, '--out', str(tmp_path / 'out'), '--map-out', str(file), '--g2o']) == 0
+    _, (first, *_) = read_tum(tmp_path / 'out' / 'four_seconds' / 'latest' / 'closed.tum')
+    found = Map.load(file)
+    assert found.graph.poses[0] == pytest.approx(first) and len(found.views) >= 1
+    assert 'VERTEX_SE2 0' in (tmp_path / 'out' / 'four_seconds' / 'latest' / 'graph.g2o').read_text()
+    capsys.readouterr()
+    assert main([recording, recording, '--out', str(tmp_path), '--map-out', str(file)]) == 2
+    assert capsys.readouterr().err == f'replay: --map-out {file}: expected one recording; 2 are given\n'
 
 
 PARTS = {

@@ -23,6 +23,7 @@ LAYERS = (
     {'build_check', 'version', 'private_graph'},
     {'requirements', 'recordings', 'robot'},
     {'evaluation', 'simulation'},
+    {'places'},
     {'node'},
     {'figures', 'replays', 'tuning'},
     {'commands'},

@@ -10,8 +10,9 @@ from scipy.optimize import minimize
 
 from dbscan_reg_ros import Odometry, Parameters, Status
 from dbscan_reg_ros.core.geometry.se2 import wrap
+from dbscan_reg_ros.places.pose_graph import ROBUST, Constraints, optimise
 from dbscan_reg_ros.recordings.poses import compose, relative
-from dbscan_reg_ros.replays.loops import ROBUST, Loops, agree
+from dbscan_reg_ros.replays.loops import Loops
 from dbscan_reg_ros.replays.sensor_mounting import turned
 from dbscan_reg_ros.simulation import Lidar, World, follow, hall, simulate
 
@@ -37,7 +38,7 @@ def test_exact_relations_bring_poses_back():
     pairs, motions, covariances = relations_of(truth, rng, 0.0)
     start = truth + rng.normal(0.0, 0.1, truth.shape)
     start[0] = truth[0]
-    found = agree(start, pairs, motions, covariances + 1e-4 * np.eye(3))
+    found = optimise(start, Constraints(pairs, motions, covariances + 1e-4 * np.eye(3)))
     assert found == pytest.approx(truth, abs=1e-6)
 
 
@@ -46,7 +47,7 @@ def test_the_poses_are_those_of_robust_least_squares():
     truth, rng = ring(), np.random.default_rng(1)
     pairs, motions, covariances = relations_of(truth, rng, 0.02)
     motions[5] += (0.5, -0.3, 0.2)
-    found = agree(truth, pairs, motions, covariances)
+    found = optimise(truth, Constraints(pairs, motions, covariances))
 
     def cost(free):
         poses = np.vstack((truth[:1], free.reshape(-1, 3)))
@@ -68,7 +69,7 @@ def test_a_drive_that_never_comes_back_stays_as_it_is():
         update = odometry.process(scan)
         loops.add(update)
         poses.append(update.pose.as_array())
-    closed, pairs = loops.close(np.array(poses), Parameters())
+    closed, pairs, _ = loops.close(np.array(poses), Parameters())
     assert pairs.shape == (0, 2)
     assert np.array_equal(closed, poses)
 
@@ -100,7 +101,7 @@ def test_a_closure_stretches_the_degenerate_part_of_a_corridor_for_any_mounting(
         loops.add(update)
     free = [update.status is Status.DEGENERATE for update in updates]
     short = truth + np.outer(np.cumsum(free), (0.08, 0.0, 0.0))
-    closed, pairs = loops.close(short, Parameters(), 1.5)
+    closed, pairs, _ = loops.close(short, Parameters(), 1.5)
     assert len(pairs) and mean_distance(short, truth) > 0.2
     assert mean_distance(closed, truth) < 0.03
 
@@ -117,6 +118,6 @@ def test_a_jump_between_scans_stays_where_it_was(gap):
         loops.add(odometry.process(scan))
     leapt = truth.copy()
     leapt[gap:, 1] += 0.5
-    closed, pairs = loops.close(leapt, Parameters())
+    closed, pairs, _ = loops.close(leapt, Parameters())
     assert len(pairs) and mean_distance(leapt, truth) > 0.2
     assert mean_distance(closed, truth) < 0.03
