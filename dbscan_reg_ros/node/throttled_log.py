@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Throttled log: a recurring warning is logged at most once a period."""
+from __future__ import annotations
+
 import re
 import time
+from typing import TYPE_CHECKING
 
-from rclpy.impl.rcutils_logger import RcutilsLogger
+if TYPE_CHECKING:
+    from rclpy.impl.rcutils_logger import RcutilsLogger
 
 MAX_KINDS = 100
 

@@ -13,8 +13,7 @@ from rclpy.subscription import Subscription
 
 from ..errors import NoTransformError
 from ..interfaces.graph_checks import publishers
-from ..interfaces.no_qos_events import NO_SUBSCRIPTION_EVENTS
-from ..interfaces.subscriptions import WakingCallbackGroup, taken
+from ..rclpy_internals import NO_SUBSCRIPTION_EVENTS, WakingCallbackGroup, taken
 from .missing_transform import describe_missing
 from .transform_sender import TransformSender, transform_type
 from .transform_store import TransformStore

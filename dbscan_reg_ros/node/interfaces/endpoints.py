@@ -17,7 +17,7 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverriding
 from rclpy.subscription import Subscription
 
 from ...core.errors import ParameterError
-from .no_qos_events import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS
+from ..rclpy_internals import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS
 
 POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
 

@@ -16,11 +16,11 @@ from ...robot.parameter_groups import LASER_SCAN, POINT_CLOUD, InputParameters
 from ...robot.recent_stamps import RecentStamps
 from ...robot.revolution import Revolution
 from ...robot.sensors import name_in_frame
+from ..rclpy_internals import WakingCallbackGroup, taken
 from .endpoints import subscription
 from .graph_checks import Competition, incompatibilities
 from .messages import stamp_to_message
 from .scan_reader import ScanMessage
-from .subscriptions import WakingCallbackGroup, taken
 
 MOST = 100
 """Largest number of scans that wait to be processed."""

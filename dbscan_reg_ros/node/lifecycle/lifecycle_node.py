@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lifecycle node of ``scan_matcher_lifecycle``."""
-from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from ...core.errors import ParameterError
 from ..interfaces.graph_entities import GraphEntities
 from ..interfaces.live_parameters import LiveParameters
 from ..node_core import NodeCore
+from ..rclpy_internals import answer_impossible_transitions
 
 
 class ScanMatcherLifecycleNode(LifecycleNode):
@@ -16,17 +16,7 @@ class ScanMatcherLifecycleNode(LifecycleNode):
         super().__init__('scan_matcher', automatically_declare_parameters_from_overrides=True)
         self._live = LiveParameters(self)
         self._core: NodeCore | None = None
-        # rclpy raises through the executor when a transition is not possible in the current state.
-        self._rclpy_change_state = self._service_change_state.callback
-        self._service_change_state.callback = self._on_change_state
-
-    def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
-        try:
-            return self._rclpy_change_state(request, response)
-        except RuntimeError as error:
-            self.get_logger().error(f'transition {request.transition.id} is not possible now: {error}')
-            response.success = False
-            return response
+        answer_impossible_transitions(self)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create the publishers, services and timers of the node."""

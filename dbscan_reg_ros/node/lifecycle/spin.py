@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import gc
 import os
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -21,13 +19,10 @@ from ...version import add_version
 from .ros_arguments import split_arguments
 
 if TYPE_CHECKING:
-    from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
 
 BAD_INPUT = 2
 FAILED = 1
-IDLE = 1e-3
-"""An executor that has waited this long [s] for a callback to execute is idle."""
 
 
 def run_node(name: str, description: str, make: Callable[[str], Node], argv: Sequence[str] | None = None) -> int:
@@ -84,6 +79,7 @@ def _run(name: str, make: Callable[[str], Node], argv: list[str], stop: _StopSig
     from rclpy.signals import SignalHandlerOptions
 
     from ...core.errors import ParameterError
+    from ..rclpy_internals import execute_next
 
     try:
         rclpy.init(args=[name, *argv], signal_handler_options=SignalHandlerOptions.NO)
@@ -97,7 +93,7 @@ def _run(name: str, make: Callable[[str], Node], argv: list[str], stop: _StopSig
         executor.add_node(node)
         _exempt_from_collection()
         while not stop.requested:
-            _spin_once(executor)
+            execute_next(executor)
         node.destroy_node()
     except ParameterError as error:
         return _complain(name, error)
@@ -114,26 +110,6 @@ def _exempt_from_collection() -> None:
     """
     gc.collect()
     gc.freeze()
-
-
-def _spin_once(executor: SingleThreadedExecutor) -> None:
-    """Execute the next callback.
-
-    After each callback rclpy's executor triggers its own guard condition, for other waiting threads, and thus checks
-    every entity of the node again. If the executor was idle, this function clears the guard condition without checking
-    the entities of the node, in a tenth of the time. Under load it does not clear it, so that every ready entity is
-    executed in turn.
-    """
-    from rclpy.executors import TimeoutException
-
-    began = time.monotonic()
-    task, _, _ = executor.wait_for_ready_callbacks()
-    idle = time.monotonic() - began > IDLE
-    task()
-    task.result()
-    if idle:
-        with contextlib.suppress(TimeoutException):
-            executor.wait_for_ready_callbacks(0.0, [])
 
 
 def _complain(name: str, problem: object, code: int = BAD_INPUT) -> int:

@@ -25,9 +25,9 @@ from ..frames.transform_sender import transform_type
 from ..frames.transform_store import TransformStore
 from ..interfaces.graph_checks import UNNAMED, full_name, publishers
 from ..interfaces.messages import PoseError, planar_from_message
-from ..interfaces.no_qos_events import NO_SUBSCRIPTION_EVENTS
 from ..interfaces.scan_input import TYPES
 from ..interfaces.scan_reader import ScanMessage
+from ..rclpy_internals import NO_SUBSCRIPTION_EVENTS
 from .watched_lidars import WatchedLidars
 
 DEPTH = 20
