@@ -26,11 +26,11 @@ os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(ROOT / 'test' / 'fastdds.xml')
 os.environ.setdefault('MPLBACKEND', 'Agg')
 
-hypothesis.settings.register_profile('bounded', derandomize=True, database=None, deadline=None, max_examples=50)
+hypothesis.settings.register_profile('bounded', derandomize=True, database=None, deadline=None, max_examples=15)
 hypothesis.settings.register_profile('long', hypothesis.settings.get_profile('bounded'), max_examples=2000)
 
 
-LONG_FOLDERS = {('builds',), ('fuzz',)}
+LONG_FOLDERS = {('benchmarks',), ('documents',), ('fuzz',), ('long',)}
 LONG_FIXTURES = {'started_browser', 'docs_python'}
 
 

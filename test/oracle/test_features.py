@@ -143,8 +143,7 @@ def test_points_without_a_normal_are_no_oriented_points():
     assert found.beams.tolist() == features.beams[known].tolist()
 
 
-@RNGS
-@pytest.mark.parametrize('size', [1, 2, 7, 180, 70_000])
+@pytest.mark.parametrize('seed, size', [(0, 1), (1, 2), (2, 180), (3, 70_000)])
 def test_a_cell_of_the_likelihood_field_has_the_nearest_point(seed, size):
     """Up to the quarter of a cell by which points in one cell differ; farther than the reach there is none."""
     rng = np.random.default_rng(seed)

@@ -195,3 +195,12 @@ def test_nothing_is_overwritten(simulated, tmp_path, capsys):
     assert main([str(tmp_path / 'b.log'), *SHORT]) == 2
     assert 'b.log.png: exists already' in capsys.readouterr().err and not (tmp_path / 'b.log').exists()
     assert (tmp_path / 'b.log.png').read_text() == 'mine'
+
+
+def test_the_demo_is_a_tour_of_60_to_100_metres_in_600_to_1000_scans():
+    result = simulation.demo()
+    assert 60.0 < result.path.length < 100.0
+    assert 600 <= len(result.scans) <= 1000
+    assert np.all(np.diff(result.stamps) == 100_000_000)
+    assert min(np.count_nonzero(scan.valid) for scan in result.scans) > 150
+    assert np.hypot(*(result.truth[0] - result.truth[-1])[:2]) < 0.5

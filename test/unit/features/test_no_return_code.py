@@ -16,14 +16,14 @@ ALL_ROUND = Lidar(720, -math.pi, math.radians(0.5), range_max=12.0)
 HALL, CORRIDOR = hall(), corridor()
 
 
-def drive(world, lidar, seconds=2.0, way=None):
+def drive(world, lidar, seconds=1.0, way=None):
     path = follow(world.tour[:3] if way is None else np.array(way), speed=0.8)
     return simulate(world, path, lidar, seed=1).scans[:round(seconds * lidar.rate)]
 
 
 @pytest.mark.parametrize('code, changes', [
-    (4.0, {}), (3.99, {'stated': (0.05, 4.0)}), (4.0, {'stated': (0.05, 12.0)}), (65.0, {'stated': (0.05, 100.0)}),
-    (4.0, {'resolution': 0.01, 'stated': (0.05, 12.0)}), (4.0, {'noise': 0.0, 'stated': (0.05, 12.0)})])
+    (3.99, {'stated': (0.05, 4.0)}), (65.0, {'stated': (0.05, 100.0)}),
+    (4.0, {'resolution': 0.01, 'stated': (0.05, 12.0)})])
 def test_beams_with_the_code_have_no_return_from_the_first_scan_on(code, changes):
     scans = drive(HALL, dataclasses.replace(ALL_ROUND, range_max=4.0, no_return=code, **changes))
     found = NoReturn()
@@ -49,9 +49,9 @@ def round_room(radius=5.0):
     return World(np.stack((rim[:-1], rim[1:]), axis=1), np.array([[-3.0, 0.0], [0.0, 1.0], [3.0, 0.0]]))
 
 
-@pytest.mark.parametrize('noise', [0.0, 0.003, 0.01])
+@pytest.mark.parametrize('noise', [0.0, 0.003])
 @pytest.mark.parametrize('world, changes', [
-    (round_room(), {'resolution': 0.01}), (HALL, {'resolution': 0.01}), (HALL, {'resolution': 0.1}),
+    (round_room(), {'resolution': 0.01}), (HALL, {'resolution': 0.1}),
     (rooms(), {'beams': 640, 'angle_min': -0.5, 'angle_increment': 1.0 / 639, 'resolution': 0.02})])
 def test_walls_are_never_no_return(noise, world, changes):
     found = NoReturn()

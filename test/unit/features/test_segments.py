@@ -94,7 +94,7 @@ def test_corners_lie_where_the_walls_meet(noise):
 # Line fits
 
 
-@pytest.mark.parametrize('turn', range(0, 360, 15))
+@pytest.mark.parametrize('turn', (0, 45, 100, 180, 275))
 def test_walls_in_every_direction_are_alike(turn):
     """A wall of 4 m at 2 m, in any direction: exact but for the float32 of its ranges."""
     pose = SE2(0.0, 0.0, math.radians(turn))
@@ -105,7 +105,7 @@ def test_walls_in_every_direction_are_alike(turn):
     np.testing.assert_allclose(found.length.sum(), 4.0, atol=0.2)
 
 
-@pytest.mark.parametrize('turn', range(0, 360, 30))
+@pytest.mark.parametrize('turn', (0, 60, 210))
 def test_every_wall_of_a_room_is_found_wherever_the_sensor_looks(turn):
     """A point at a corner may count for the wrong wall: 1 cm and a degree, for walls of some length."""
     pose = SE2(0.3, 0.2, math.radians(turn))

@@ -150,12 +150,12 @@ def test_covariances_are_those_of_many_poses_moved_one_by_one():
     rng = np.random.default_rng(5)
     origin, laser, pose = SE2(0.4, -0.2, 1.1), SE2(-0.3, 0.6, -2.0), SE2(3.0, 1.0, 0.8)
     root = np.array([[2e-3, 0.0, 0.0], [1e-3, 1e-3, 0.0], [5e-4, -3e-4, 1e-3]])
-    errors = rng.normal(size=(20_000, 3)) @ root.T
+    errors = rng.normal(size=(5_000, 3)) @ root.T
     result = base_state(update(pose, covariance=root @ root.T, twist_covariance=root @ root.T), origin, laser)
     moved = [(origin @ SE2(*(pose.as_array() + e)) @ laser.inverse()).as_array() for e in errors]
-    assert np.cov(moved, rowvar=False) == pytest.approx(result.covariance, abs=3e-7)
+    assert np.cov(moved, rowvar=False) == pytest.approx(result.covariance, abs=6e-7)
     twists = [base_state(update(pose, e), origin, laser).twist for e in errors]
-    assert np.cov(twists, rowvar=False) == pytest.approx(result.twist_covariance, abs=3e-7)
+    assert np.cov(twists, rowvar=False) == pytest.approx(result.twist_covariance, abs=6e-7)
 
 
 def quaternion(roll=0.0, pitch=0.0, yaw=0.0):

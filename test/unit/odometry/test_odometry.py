@@ -41,8 +41,11 @@ def scan_at(pose, index, geometry=FULL, noise=0.01):
     return dataclasses.replace(look(ROOM, pose, geometry, noise, index), stamp=index * TENTH)
 
 
-def noise_at(stamp, rng):
-    return Scan(stamp, rng.uniform(0.3, 8.0, FULL.size), FULL)
+COARSE = ScanGeometry(-math.pi, math.radians(3.0), 120)
+
+
+def noise_at(stamp, rng, geometry=FULL):
+    return Scan(stamp, rng.uniform(0.3, 8.0, geometry.size), geometry)
 
 
 def error(update, truth):
@@ -153,16 +156,16 @@ def test_a_measured_rotation_bends_the_arc_and_keeps_its_covariance(before, turn
 
 
 def test_a_lost_sensor_coasts_then_stands_then_restarts():
-    odometry = Odometry()
+    odometry = Odometry(Parameters().replace({'advanced.odometry.restart_time': 3.0}))
     run(odometry, drive(20))
     rng = np.random.default_rng(6)
-    updates = [odometry.process(noise_at((20 + i) * TENTH, rng)) for i in range(60)]
+    updates = [odometry.process(noise_at((20 + i) * TENTH, rng)) for i in range(36)]
     moving = [math.hypot(u.increment.x, u.increment.y) > 0.015 for u in updates]
     assert all(moving[:8])
-    assert not any(moving[12:45])
+    assert not any(moving[12:25])
     started = [i for i, u in enumerate(updates) if u.restarted]
-    assert started[0] == pytest.approx(50, abs=2)
-    assert np.trace(updates[40].covariance) > 10.0 * np.trace(updates[0].covariance)
+    assert started[0] == pytest.approx(30, abs=2)
+    assert np.trace(updates[25].covariance) > 10.0 * np.trace(updates[0].covariance)
 
 
 def test_a_lost_sensor_follows_the_external_prior():
@@ -171,7 +174,7 @@ def test_a_lost_sensor_follows_the_external_prior():
     for update in run(odometry, drive(10)):
         last = update
     for i in range(10, 40):
-        update = odometry.process(noise_at(i * TENTH, rng), prior)
+        update = odometry.process(noise_at(i * TENTH, rng, COARSE), prior)
         last_pose, last = last.pose, update
         assert update.status is not Status.OK
         assert error(update, last_pose @ prior.transform) == pytest.approx((0.0, 0.0), abs=1e-6)
@@ -195,7 +198,7 @@ def test_the_wheel_calibration_corrects_the_prior_while_lost(memory, least, most
     step = poses[0].inverse() @ poses[1]
     prior = Prior(SE2(1.05 * step.x, -0.08 * step.theta, step.theta + 0.05 * step.x), np.diag((0.02, 0.02, 0.03)) ** 2)
     for i, pose in enumerate(poses):
-        scan = scan_at(pose, i, noise=0.005) if i < 151 else noise_at(i * TENTH, rng)
+        scan = scan_at(pose, i, noise=0.005) if i < 151 else noise_at(i * TENTH, rng, COARSE)
         update = odometry.process(scan, prior if i else None)
         assert (update.status is Status.OK) == (i < 151)
     by_wheels = poses[150]
@@ -508,9 +511,9 @@ def test_a_sensor_at_rest_stays_nearer_to_its_place_than_its_noise():
 
 @pytest.fixture(scope='module')
 def short_drives():
-    """Five scans of a room with a movable box, of nothing but the box, and of two bare walls."""
+    """Five scans of a room with a movable box, and of two bare walls."""
     return [[dataclasses.replace(look(walls, pose, FULL, 0.01, i), stamp=i * TENTH) for i, pose in enumerate(drive(5))]
-            for walls in (np.concatenate((ROOM, BOX)), BOX, PARALLEL)]
+            for walls in (np.concatenate((ROOM, BOX)), PARALLEL)]
 
 
 @pytest.mark.parametrize('name', [each.name for each in Parameters.describe() if each.minimum is not None])

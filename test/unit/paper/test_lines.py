@@ -141,7 +141,7 @@ def straight_error(points):
 
 
 @pytest.mark.parametrize('penalty', [1.0, 30.0])
-@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('seed', range(3))
 def test_the_threshold_that_wins_is_the_best_of_all(monkeypatch, penalty, seed):
     """Every threshold in turn, as the paper describes it."""
     monkeypatch.setattr(lines, '_CORNER_PENALTY', penalty)

@@ -9,7 +9,7 @@ from sklearn.neighbors import NearestNeighbors
 from dbscan_reg_ros.core.registration.clustering.clusters import dbscan_plane as dbscan_of_complex
 from dbscan_reg_ros.core.registration.clustering.rotation import dbscan_circle, k_distances
 
-SEEDS = range(40)
+SEEDS = range(3)
 FAR = 1e6
 """Circumference of a circle on which numbers are as on a line."""
 
@@ -72,7 +72,7 @@ def test_duplicates_and_distances_equal_to_sigma(seed):
     rng = np.random.default_rng(seed)
     samples = rng.integers(0, 40, (int(rng.integers(1, 60)), 2)).astype(float)
     for sigma in (1.0, 2.0, 5.0):
-        for min_samples in (1, 2, 3, 5):
+        for min_samples in (1, 3):
             np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_samples),
                                           expected(samples[:, 0], sigma, min_samples))
             np.testing.assert_array_equal(dbscan_line(samples[:, 0], sigma, min_samples, period=40.0),
@@ -131,7 +131,7 @@ def test_no_sample_and_one_sample(min_samples, label):
 
 @pytest.mark.parametrize('k', [1, 2, 5])
 def test_k_distances_are_those_to_the_kth_nearest_neighbour_largest_first(k):
-    for seed in range(10):
+    for seed in SEEDS:
         samples, _, _, _ = drawn(seed)
         size = min(k, len(samples) - 1)
         nearest = NearestNeighbors(n_neighbors=size + 1).fit(samples).kneighbors(samples)[0][:, -1]

@@ -16,9 +16,6 @@ from dbscan_reg_ros.core.registration.pipeline import register
 from dbscan_reg_ros.core.registration.search import SearchStage
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
-from dbscan_reg_ros.figures.overlay import draw_overlay
-from dbscan_reg_ros.figures.sheet import SIZE
-from dbscan_reg_ros.figures.steps import Steps
 from dbscan_reg_ros.recordings.poses import compose
 from dbscan_reg_ros.simulation import LIDARS
 from dbscan_reg_ros.simulation.raycasting import cast
@@ -56,7 +53,7 @@ def test_landmarks_are_small_isolated_objects():
                                   abs=0.03), 'in front of a large one, too; a large one is none'
 
 
-@pytest.mark.parametrize('seed', range(10))
+@pytest.mark.parametrize('seed', range(3))
 def test_the_motion_between_two_scans_of_trunks_is_among_the_hypotheses_however_it_turned(seed):
     rng = np.random.default_rng(seed)
     trunks = np.column_stack((rng.uniform(-9.0, 9.0, (12, 2)), rng.uniform(0.05, 0.3, 12)))
@@ -102,17 +99,3 @@ def test_landmarks_belong_to_the_wide_search_and_are_off_where_that_is_off(drive
         wide = [register(*pair, each, first_stage=SearchStage.WIDE) for each in (narrow, without)]
         differ += wide[0].score > wide[1].score + 0.02
     assert differ >= 1
-
-
-def test_the_figure_of_a_pair_shows_the_aligned_landmarks(drive):
-    from matplotlib.figure import Figure
-    pair = drive.scans[300], drive.scans[340]
-    steps = Steps.of(*pair, PARAMETERS)
-    moved = steps.registration.transform.apply(steps.current.landmarks)
-    apart = np.hypot(*(moved[:, None] - steps.reference.landmarks).T).min(axis=0)
-    assert len(apart) > 8 and np.count_nonzero(apart < 0.2) > 0.7 * len(apart)
-    figure = Figure(figsize=SIZE, layout='constrained')
-    draw_overlay(figure, steps)
-    shown, = (axes for axes in figure.axes if axes.get_label() == 'after')
-    assert {'reference: landmarks', 'current: landmarks'} <= set(shown.get_legend_handles_labels()[1])
-    assert not len(Steps.of_paper(*pair).current.landmarks), 'the paper knows none'

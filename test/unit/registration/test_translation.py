@@ -37,7 +37,7 @@ def test_the_signed_form_finds_the_motion_from_lines_alone():
     np.testing.assert_allclose(found.samples, np.tile((MOTION.x, MOTION.y), (6, 1)), atol=1e-9)
 
 
-@pytest.mark.parametrize('seed', range(5))
+@pytest.mark.parametrize('seed', range(3))
 def test_the_motion_is_among_the_heaviest_hypotheses_for_a_scanned_room(seed):
     parameters = Parameters()
     scans = [look(outline(L_ROOM), pose, noise=0.01, seed=seed + 10 * i) for i, pose in enumerate((SE2(), MOTION))]

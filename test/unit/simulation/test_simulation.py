@@ -17,7 +17,6 @@ from dbscan_reg_ros.simulation import (
     WheelErrors,
     World,
     corridor,
-    demo,
     follow,
     hall,
     measure,
@@ -87,7 +86,7 @@ def test_inside_a_column_its_far_side_is_seen():
     np.testing.assert_allclose(ranges, 1.5)
 
 
-def test_ranges_agree_with_shapely_over_3000_random_beams():
+def test_ranges_agree_with_shapely_over_1000_random_beams():
     geometry = pytest.importorskip('shapely', reason='the independent ray caster is shapely')
     world = rooms(3)
     lines = geometry.union_all([geometry.LineString(segment) for segment in world.segments])
@@ -95,8 +94,8 @@ def test_ranges_agree_with_shapely_over_3000_random_beams():
              for x, y, r in world.circles]
     surfaces = geometry.union_all([lines, *rings])
     random = rng()
-    origins = random.uniform((0.5, -0.9), (21.5, 0.9), (3000, 2))
-    aims = directions(random.uniform(-math.pi, math.pi, 3000))
+    origins = random.uniform((0.5, -0.9), (21.5, 0.9), (1000, 2))
+    aims = directions(random.uniform(-math.pi, math.pi, 1000))
     ours = cast(origins, aims, world.segments, world.circles)
     rays = geometry.linestrings(np.stack((origins, origins + 30.0 * aims), axis=1))
     theirs = geometry.distance(geometry.points(origins), geometry.intersection(rays, surfaces))
@@ -111,7 +110,7 @@ def test_ranges_agree_with_shapely_over_3000_random_beams():
 ], ids=['plain', 'mounted', 'clockwise'])
 def test_truth_lays_every_return_on_a_surface(lidar):
     world = rooms(1)
-    result = simulate(world, follow(world.tour[:4]), lidar)
+    result = simulate(world, follow(world.tour[:3]), lidar)
     assert len(result.scans) == len(result.truth) == len(result.stamps) > 50
     for scan, pose in zip(result.scans, result.truth, strict=True):
         assert on_surfaces(world, SE2.from_array(pose).apply(scan.points[scan.valid])).max() < 1e-5
@@ -120,7 +119,7 @@ def test_truth_lays_every_return_on_a_surface(lidar):
 def test_motion_within_a_scan_shows_in_the_ranges_and_is_undone_by_the_path():
     world = rooms(1)
     lidar = dataclasses.replace(exact('hokuyo_urg04lx'), duration=LIDARS['hokuyo_urg04lx'].duration)
-    result = simulate(world, follow(world.tour[:3]), lidar)
+    result = simulate(world, follow(world.tour[:2]), lidar)
     straight = 0.0
     for stamp, scan, pose in zip(result.stamps, result.scans, result.truth, strict=True):
         times = (stamp - result.stamps[0]) * 1e-9 + scan.time_increment * np.arange(lidar.beams)
@@ -204,8 +203,7 @@ def test_a_path_interpolates_between_its_points_and_wraps_the_heading():
 
 
 @pytest.mark.parametrize(('make', 'name'), [
-    (rooms, 'hokuyo_utm30lx'), (rooms, 'rplidar_a'), (rooms, 'sick_lms5xx'), (hall, 'hokuyo_utm30lx'),
-    (hall, 'sick_lms5xx'),
+    (rooms, 'hokuyo_utm30lx'), (rooms, 'rplidar_a'), (hall, 'sick_lms5xx'),
 ])
 def test_registration_of_scans_without_noise_is_exact(make, name):
     """Off by less than 0.1 mm and 0.006 deg between places 0.3 s apart on the tour."""
@@ -219,7 +217,7 @@ def test_registration_of_scans_without_noise_is_exact(make, name):
 
 
 @pytest.mark.parametrize('make', WORLDS.values(), ids=WORLDS)
-@pytest.mark.parametrize('seed', range(5))
+@pytest.mark.parametrize('seed', range(3))
 def test_tours_touch_nothing(make, seed):
     world = make(seed=seed)
     path = follow(world.tour)
@@ -240,15 +238,6 @@ def test_a_long_corridor_hides_both_ends_from_a_short_sighted_lidar():
     lidar = Lidar(angle_min=-math.pi, angle_increment=math.pi / 180.0, beams=360, range_max=10.0, noise=0.0)
     scan = measure(world, [(30.0, 0.0, 0.0)], lidar, rng())
     np.testing.assert_allclose(np.abs(scan.points[scan.valid][:, 1]), 1.1, atol=1e-5)
-
-
-def test_the_demo_is_a_tour_of_60_to_100_metres_in_600_to_1000_scans():
-    result = demo()
-    assert 60.0 < result.path.length < 100.0
-    assert 600 <= len(result.scans) <= 1000
-    assert np.all(np.diff(result.stamps) == 100_000_000)
-    assert min(np.count_nonzero(scan.valid) for scan in result.scans) > 150
-    assert np.hypot(*(result.truth[0] - result.truth[-1])[:2]) < 0.5
 
 
 def test_perfect_wheels_follow_the_path():

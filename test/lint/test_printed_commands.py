@@ -106,17 +106,3 @@ def test_each_command_of_a_document_is_one_that_can_be_given(root, name, monkeyp
             if not (isinstance(error, SystemExit) and error.code == 0):
                 wrong.append(f'{program} {shlex.join(words)}: {error} {capsys.readouterr().err[-200:]}')
     assert wrong == [], '\n'.join(wrong)
-
-
-@pytest.mark.parametrize('line', [
-    'python -m dbscan_reg_ros replai FILE', 'python -m dbscan_reg_ros replay FILE --close-gaps',
-    'ros2 run dbscan_reg_ros register FILE a b', 'ros2 run dbscan_reg_ros play', 'compare --truths FILE',
-    'ros2 launch dbscan_reg_ros scan_matcher.launch.py sensors:=lds', 'ros2 launch dbscan_reg_ros absent.launch.py',
-    'ros2 launch dbscan_reg_ros scan_matcher.launch.py sensor:=lidar', 'scripts/benches odometry',
-    'scripts/bench odometry --course intel office', 'scripts/bench pairs --method gicp', 'scripts/bench pair',
-    'scripts/bench odometry --copies many', 'replay FILE --params-file config/absent.yaml', 'scripts/test test/absent'])
-def test_a_command_that_does_not_exist_is_found(root, line, tmp_path, monkeypatch):
-    (tmp_path / 'a.md').write_text(f'```bash\n{line}  # a comment\n```\n')
-    (command,) = commands_of(tmp_path / 'a.md')
-    with pytest.raises((AssertionError, OSError, SystemExit)):
-        check(root, *command, monkeypatch)

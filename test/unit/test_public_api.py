@@ -6,8 +6,6 @@ Names, scans from arrays, registration of scans, records in one line.
 import ast
 import dataclasses
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -42,13 +40,6 @@ def test_type_checkers_see_the_names_that_are_loaded_on_demand(root):
     seen = {alias.name: node.module for node in branch.body for alias in node.names}
     assert seen == dbscan_reg_ros._HOMES
     assert set(seen) == set(dbscan_reg_ros.__all__)
-
-
-def test_a_name_is_loaded_when_it_is_first_used(root):
-    code = ('import sys, dbscan_reg_ros as package; before = "numpy" in sys.modules; package.SE2;'
-            'print(before, "numpy" in sys.modules, "SE2" in vars(package))')
-    done = subprocess.run([sys.executable, '-c', code], cwd=root, capture_output=True, text=True, check=True)
-    assert done.stdout == 'False True True\n'
 
 
 def test_an_unknown_name_is_an_error():

@@ -3,6 +3,9 @@
 import contextlib
 import dataclasses
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -138,3 +141,28 @@ def test_an_unobserved_start_is_found_within_the_grown_uncertainty():
         ambiguous.append(Status.AMBIGUOUS in statuses[1:30])
     assert any(ambiguous)
     assert sorted(errors)[-2] < 0.3 and np.median(errors) < 0.15
+
+
+DIGEST = """
+import dataclasses
+from hashlib import sha256
+from dbscan_reg_ros import SE2, Odometry
+from rooms import L_ROOM, look, outline
+odometry, digest, room = Odometry(), sha256(), outline(L_ROOM)
+for k in range(40):
+    scan = look(room, SE2(0.02 * k, 0.0, 0.03 * k), noise=0.01, seed=k)
+    update = odometry.process(dataclasses.replace(scan, stamp=k * 10**8))
+    digest.update(update.pose.as_array().tobytes() + update.covariance.tobytes() + update.twist.tobytes())
+print(digest.hexdigest())
+"""
+
+
+def test_results_do_not_depend_on_the_run_nor_on_the_number_of_threads(root):
+    """To the last bit, in processes of their own."""
+    digests = set()
+    for threads in ('1', '8'):
+        variables = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), threads)
+        result = subprocess.run([sys.executable, '-c', DIGEST], capture_output=True, text=True, check=True,
+                                env=os.environ | variables | {'PYTHONPATH': f'{root}:{root / "test"}'})
+        digests.add(result.stdout)
+    assert len(digests) == 1
