@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from ..core.errors import ParameterError
-from ..core.parameters.schema import check, suggest
+from ..core.parameters.schema import check, unknown
 
 FACTOR = 5.0
 """Without a range, a number is searched between its default divided by this and multiplied by this."""
@@ -75,7 +75,7 @@ def _searchable(name, parameters):
     """Return the description of the parameter `name`; raise ParameterError if it cannot be searched."""
     descriptions = {d.name: d for d in parameters.describe()}
     if name not in descriptions:
-        raise ParameterError(f'unknown parameter {name!r}; {suggest(name, descriptions)}')
+        raise ParameterError(unknown(name, descriptions))
     d = descriptions[name]
     if d.read_only or (not d.choices and d.type not in (int, float, bool)):
         raise ParameterError(f'{name}: cannot be searched')

@@ -245,6 +245,13 @@ def test_a_misspelt_parameter_is_named(start_node, peer):
     said(node, "unknown parameter 'scan.rangemax' is ignored; did you mean 'scan.range_max'?", peer)
     said(node, 'ready', peer)
 
+def test_a_parameter_of_an_earlier_version_ends_the_node_with_the_reason(start_node):
+    node = start_node('-p', 'advanced.segments.join_gap:=0.5')
+    assert node.wait(TIMEOUT) == 2
+    [line] = node.output().strip().splitlines()
+    assert line.startswith('scan_matcher: advanced.segments.join_gap is no parameter any more: it is 1.0')
+
+
 NUMBERS, TEXTS = 8, 9
 """Types of parameters that are lists of numbers and of texts."""
 

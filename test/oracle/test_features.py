@@ -40,7 +40,7 @@ def on_line(points, third, first, second, noise):
     distance = abs((p.conjugate() * q).imag / across - 1.0) * abs(a) if across else math.inf
     growth = 1.0 + (abs(first - third) + abs(second - third)) / (second - first)
     distance = math.inf if math.isnan(distance) else distance
-    return distance <= P.filter.relative_tolerance * abs(a) + 3.0 * noise * growth, distance
+    return distance <= 0.01 * abs(a) + 3.0 * noise * growth, distance
 
 
 def defined_outcome(points, noise, gross):
@@ -65,9 +65,9 @@ def defined_outcome(points, noise, gross):
                 outer += 1
                 inner += abs(other - k) == 1
         whole = 0 < k < size - 1 and np.isfinite(points[k - 1:k + 2]).all()
-        if inner >= P.filter.inner_threshold or off > gross:
+        if inner >= 2 or off > gross:
             outcome[k] = Outcome.REMOVED
-        elif outer >= P.filter.outer_threshold:
+        elif outer >= 3:
             outcome[k] = Outcome.CORNER
         elif whole:
             outcome[k] = Outcome.SMOOTHED

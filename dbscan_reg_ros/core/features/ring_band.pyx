@@ -13,6 +13,10 @@ from libc.stdlib cimport labs
 from ..geometry.plane cimport length_of
 
 cdef double SIGMAS = tolerance.SIGMAS
+# Tolerance as a fraction of the range: walls seen at a grazing angle bend within a ring by quantised ranges.
+cdef double RELATIVE_TOLERANCE = 0.01
+# T1 and T2 of Eq. 4. With these an outlier alone is noise, and one beside an edge of its own ring is a corner.
+cdef Py_ssize_t INNER_THRESHOLD = 2, OUTER_THRESHOLD = 3
 
 cdef enum:
     # Beams of the outer and of the inner ring on each side; outcomes.
@@ -40,8 +44,7 @@ cdef struct Ring:
     # Beams, between `RING` times nan on either side.
     const double *x
     const double *y
-    # Tolerance as a fraction of the range, and that by noise [m].
-    double relative_tolerance
+    # Tolerance by noise [m].
     double noise_tolerance
 
 
@@ -78,7 +81,6 @@ cdef int filter_points(double *x, double *y, Py_ssize_t beams, double noise, par
     """Filter points in beam order in place, as `ring_band_filter`; write what became of those that are not kept."""
     if parameters.test == 'off' or beams <= 2 * INNER:
         return 0
-    cdef Py_ssize_t inner_threshold = parameters.inner_threshold, outer_threshold = parameters.outer_threshold
     cdef double gross = parameters.gross_error or INFINITY
     cdef Py_ssize_t size = ring_size(x, beams), k, i, count, each
     cdef double[:, ::1] work = np.empty((6, size + 2 * RING))
@@ -88,7 +90,7 @@ cdef int filter_points(double *x, double *y, Py_ssize_t beams, double noise, par
     cdef double *across = &work[0, RING]
     cdef double *along = &work[1, RING]
     cdef double *deviation = &work[5, 0]
-    cdef Ring ring = Ring(across, along, parameters.relative_tolerance, SIGMAS * noise)
+    cdef Ring ring = Ring(across, along, SIGMAS * noise)
     cdef Py_ssize_t[2] counts
     take_points(x, y, beams, size, across, along, of)
     count = find_candidates(&ring, size, &work[2, 0], candidate, deviation)
@@ -98,10 +100,10 @@ cdef int filter_points(double *x, double *y, Py_ssize_t beams, double noise, par
         i, counts[0], counts[1] = of[k], 1, 1
         if deviation[each] <= gross:
             count_outliers(&ring, k, counts)
-        if counts[0] >= inner_threshold or deviation[each] > gross:
+        if counts[0] >= INNER_THRESHOLD or deviation[each] > gross:
             x[i] = y[i] = NAN
             outcome[i] = REMOVED
-        elif counts[1] >= outer_threshold:
+        elif counts[1] >= OUTER_THRESHOLD:
             outcome[i] = CORNER
         elif (0 < k < size - 1 and of[k - 1] == i - 1 and of[k + 1] == i + 1
               and isfinite(across[k - 1] + across[k + 1])):
@@ -144,7 +146,7 @@ cdef inline double beyond(const Ring *ring, Py_ssize_t third, Py_ssize_t first, 
     cdef double meeting = (px * qy - py * qx) / (x * (qy - py) - y * (qx - px))
     cdef double growth = 1.0 + <double> (labs(first - third) + labs(second - third)) / <double> (second - first)
     distance[0] = fabs(meeting - 1.0) * radius
-    return distance[0] - (ring.relative_tolerance * radius + ring.noise_tolerance * growth)
+    return distance[0] - (RELATIVE_TOLERANCE * radius + ring.noise_tolerance * growth)
 
 
 cdef Py_ssize_t find_candidates(const Ring *ring, Py_ssize_t size, double *work, Py_ssize_t *candidate,

@@ -16,6 +16,13 @@ from .surfaces cimport Surfaces
 
 cdef double TINY = tolerance.TINY, SAME = tolerance.SAME, SIGMAS = tolerance.SIGMAS
 
+# A surface is split where it is farther than this from its chord [m], beyond the noise: less than that is no bend that
+# a second line would fit better. So many times all pieces are split in two; eight corners of a room take three.
+cdef double SPLIT_DISTANCE = 0.03
+cdef Py_ssize_t SPLIT_LEVELS = 6
+# Neighbouring pieces are joined if the residual of one line through both is below this multiple of the noise, unless
+# they are farther apart than this [m], the width of a door.
+cdef double JOIN_NOISE = 2.5, JOIN_GAP = 1.0
 # Minimum number of steps from the first to the last point of a piece; passes in which neighbours are joined.
 cdef Py_ssize_t MIN_STEPS = 2, JOINS = 2
 # Two segments can meet in a corner only if the second starts at most this many points after the end of the first, and
@@ -49,17 +56,6 @@ cdef struct Piece:
     double complex meeting
 
 
-cdef struct SegmentLimits:
-    double split_distance, join_noise, join_gap, depth_margin, min_points, min_length
-    Py_ssize_t split_levels
-
-
-cdef SegmentLimits segment_limits(p) except *:
-    """Return the `SegmentParameters` as numbers."""
-    return SegmentLimits(p.split_distance, p.join_noise, p.join_gap, p.depth_margin, p.min_points, p.min_length,
-                         p.split_levels)
-
-
 cdef Segments extract_segments(const Surfaces *surfaces, const double *noise, parameters):
     """Extract the line segments of one scan, in beam order.
 
@@ -71,25 +67,23 @@ cdef Segments extract_segments(const Surfaces *surfaces, const double *noise, pa
         Standard deviation of each range [m].
     parameters : SegmentParameters
     """
-    cdef SegmentLimits limits = segment_limits(parameters)
     cdef Py_ssize_t size = surfaces.size, count
     cdef unsigned char[::1] edges = np.zeros(size + 1, np.uint8)
     cdef Piece *pieces = <Piece *> malloc((size + 1) * sizeof(Piece))
     if pieces == NULL:
         raise MemoryError
     try:
-        split(surfaces, noise, &limits, &edges[0])
-        count = join(surfaces, noise, &limits, &edges[0], pieces)
-        count = place_ends(surfaces, &limits, pieces, count)
+        split(surfaces, noise, &edges[0])
+        count = join(surfaces, noise, &edges[0], pieces)
+        count = place_ends(surfaces, parameters.min_points, parameters.min_length, pieces, count)
         count = keep_longest(pieces, count, parameters.max_segments)
         find_corners(surfaces, pieces, count)
-        return make_segments(surfaces, noise, limits.depth_margin, pieces, count)
+        return make_segments(surfaces, noise, parameters.depth_margin, pieces, count)
     finally:
         free(pieces)
 
 
-cdef void split(const Surfaces *surfaces, const double *noise, SegmentLimits *limits,
-                unsigned char *edges) noexcept nogil:
+cdef void split(const Surfaces *surfaces, const double *noise, unsigned char *edges) noexcept nogil:
     """Flag the first point of each piece: surfaces are split level by level, farthest from their chords."""
     cdef const double *x = surfaces.x
     cdef const double *y = surfaces.y
@@ -100,7 +94,7 @@ cdef void split(const Surfaces *surfaces, const double *noise, SegmentLimits *li
     edges[0] = edges[size] = EDGE
     for k in range(size - 1):
         edges[k + 1] = EDGE if surfaces.breaks[k] else 0
-    for level in range(limits.split_levels):
+    for level in range(SPLIT_LEVELS):
         first, found = 0, False
         while first < size:
             end = first + 1
@@ -112,7 +106,7 @@ cdef void split(const Surfaces *surfaces, const double *noise, SegmentLimits *li
                 # Distances from the chord beyond the limit, times the length of the chord.
                 for k in range(first, end):
                     area[k] = (fabs(dx * (y[k] - y0) - dy * (x[k] - x0))
-                               - max(SIGMAS * noise[k] + limits.split_distance, TINY) * length)
+                               - max(SIGMAS * noise[k] + SPLIT_DISTANCE, TINY) * length)
                 for k in range(first, end):
                     largest = max(largest, area[k])
                 edges[first] = EDGE if largest > 0.0 else LAST_EDGE
@@ -129,7 +123,7 @@ cdef void split(const Surfaces *surfaces, const double *noise, SegmentLimits *li
             break
 
 
-cdef Py_ssize_t join(const Surfaces *surfaces, const double *noise, SegmentLimits *limits, const unsigned char *edges,
+cdef Py_ssize_t join(const Surfaces *surfaces, const double *noise, const unsigned char *edges,
                      Piece *pieces) noexcept nogil:
     """Make the pieces between the edges, and join neighbours on one line; return the number of pieces."""
     cdef Py_ssize_t count = 0, first = 0, end, k, joined, turn
@@ -146,7 +140,7 @@ cdef Py_ssize_t join(const Surfaces *surfaces, const double *noise, SegmentLimit
     for turn in range(JOINS):
         joined = 0
         for k in range(1, count):
-            pieces[k].joined = on_one_line(surfaces, noise, limits, &pieces[k - 1], &pieces[k])
+            pieces[k].joined = on_one_line(surfaces, noise, &pieces[k - 1], &pieces[k])
             joined += pieces[k].joined
         if not joined:
             break
@@ -182,8 +176,7 @@ cdef inline double complex point_of(const Surfaces *surfaces, Py_ssize_t k) noex
     return vector(surfaces.x[k], surfaces.y[k])
 
 
-cdef bint on_one_line(const Surfaces *surfaces, const double *noise, SegmentLimits *limits, Piece *a,
-                      Piece *b) noexcept nogil:
+cdef bint on_one_line(const Surfaces *surfaces, const double *noise, Piece *a, Piece *b) noexcept nogil:
     """Return whether a piece and the next are parts of one line."""
     cdef double complex start = point_of(surfaces, b.first), end = point_of(surfaces, a.last)
     cdef double complex reach_a = end - point_of(surfaces, a.first), reach_b = point_of(surfaces, b.last) - start
@@ -191,16 +184,16 @@ cdef bint on_one_line(const Surfaces *surfaces, const double *noise, SegmentLimi
     cdef double sine = a.line.c * b.line.s - a.line.s * b.line.c, cosine = a.line.c * b.line.c + a.line.s * b.line.s
     cdef double tolerance = JOIN_ANGLE + JOIN_ANGLE_NOISE * sigma / max(shorter, TINY)
     cdef Piece both
-    if not (distance(start, end) < limits.join_gap and dot(reach_b, reach_a) > 0.0):
+    if not (distance(start, end) < JOIN_GAP and dot(reach_b, reach_a) > 0.0):
         return False
     both = a[0]
     append(&both, b)
     fit_piece(&both)
-    return (both.line.residual < (limits.join_noise * sigma) * (limits.join_noise * sigma)
+    return (both.line.residual < (JOIN_NOISE * sigma) * (JOIN_NOISE * sigma)
             and atan2(fabs(sine), fabs(cosine)) < min(MAX_JOIN_ANGLE, tolerance))
 
 
-cdef Py_ssize_t place_ends(const Surfaces *surfaces, SegmentLimits *limits, Piece *pieces,
+cdef Py_ssize_t place_ends(const Surfaces *surfaces, double min_points, double min_length, Piece *pieces,
                            Py_ssize_t count) noexcept nogil:
     """Place the ends of the pieces on their lines; drop those with too few points, too short or bent ones."""
     cdef Py_ssize_t k, kept = 0
@@ -216,7 +209,7 @@ cdef Py_ssize_t place_ends(const Surfaces *surfaces, SegmentLimits *limits, Piec
         pieces[k].start = centre + along * dot(first - centre, along)
         pieces[k].end = centre + along * dot(last - centre, along)
         length = distance(pieces[k].end, pieces[k].start)
-        if (pieces[k].size >= limits.min_points and length >= limits.min_length
+        if (pieces[k].size >= min_points and length >= min_length
                 and pieces[k].line.residual < (MAX_BEND * length) * (MAX_BEND * length)):
             pieces[kept] = pieces[k]
             kept += 1

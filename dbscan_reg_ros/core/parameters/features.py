@@ -63,23 +63,10 @@ class RingBandParameters(ParameterGroup):
         'consensus', choices=('consensus', 'off'),
         help='Outlier test of the ring band filter: consensus or off (no filter). With consensus, a beam is an outlier '
              'if it lies on no line through two other beams of its ring.')
-    inner_threshold: int = parameter(
-        2, unit='beams', bounds=(1, 4),
-        help='Threshold T1 of Eq. 4: an outlier is removed if its inner ring of three beams contains at least this '
-             'many outliers. Larger values remove fewer points; smaller values remove more.')
-    outer_threshold: int = parameter(
-        3, unit='beams', bounds=(1, 8),
-        help='Threshold T2 of Eq. 4: an outlier is kept as a corner if its outer ring of seven beams contains at '
-             'least this many outliers. Larger values replace more corners by the mean of their ring; smaller values '
-             'keep more noise as corners.')
     gross_error: float = parameter(
         0.05, unit='m', bounds=(0.0, 100.0),
         help='An outlier farther than this from the line of its neighbours is removed instead of being averaged. '
              'Larger values average more outliers; 0 averages all of them.')
-    relative_tolerance: float = parameter(
-        0.01, bounds=(0.0, 1.0),
-        help='Tolerance of the consensus test as a fraction of the range, to which three standard deviations of the '
-             'noise are added. Larger values find fewer outliers at large ranges; smaller values find more.')
 
 
 @dataclass(frozen=True)
@@ -102,24 +89,6 @@ class SegmentParameters(ParameterGroup):
         8, unit='beams', bounds=(1, 1000),
         help='Two neighbouring points that are more than this many beams apart lie on different surfaces. Larger '
              'values bridge more beams without a return; smaller values cut surfaces at such gaps.')
-    split_distance: float = parameter(
-        0.03, unit='m', bounds=(0.0, 10.0),
-        help='A surface is split at the point farthest from its chord if the distance of this point exceeds this '
-             'value plus three standard deviations of the noise. Larger values give fewer and longer segments; '
-             'smaller values split at small bends.')
-    split_levels: int = parameter(
-        6, bounds=(1, 16),
-        help='Number of times that all pieces of a surface are split in two, so that at most 2 to this power remain. '
-             'Larger values resolve complex surfaces and take longer; smaller values leave corners undetected.')
-    join_noise: float = parameter(
-        2.5, bounds=(0.0, 100.0),
-        help='Neighbouring pieces of a wall are joined to one line when the residual of that line is below this '
-             'multiple of the range noise. Larger values give fewer and longer segments; smaller values leave walls in '
-             'pieces.')
-    join_gap: float = parameter(
-        1.0, unit='m', bounds=(0.0, 100.0),
-        help='Neighbouring pieces of a wall farther apart than this are never joined to one line. Larger values join '
-             'walls across door openings; smaller values keep them apart.')
     min_points: int = parameter(
         4, unit='beams', bounds=(2, 1000),
         help='Segments with fewer points than this are dropped. Larger values keep only well-sampled lines; smaller '

@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import functools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeAlias, TypeVar
 
@@ -167,10 +167,7 @@ class ParameterTree:
         groups: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
             if name not in known:
-                if name in _OF_PAPER:
-                    raise ParameterError(f'{name} belongs to the method of the paper, which has no parameters any '
-                                         'more; run it with --method paper (register, compare)')
-                raise ParameterError(f'unknown parameter {name!r}; {suggest(name, known)}')
+                raise ParameterError(unknown(name, known))
             group, field = known[name]
             (groups.setdefault(group, {}) if group else own)[field.name] = check(_describe(name, field), value)
         return own | {group: dataclasses.replace(getattr(self, group), **fields) for group, fields in groups.items()}
@@ -266,6 +263,28 @@ _OF_PAPER = frozenset((
     'advanced.rotation.median_scale', 'advanced.translation.form', 'advanced.translation.clustering',
     'advanced.selection.method', 'divergence.bandwidth', 'advanced.divergence.grid'))
 """Parameters of earlier versions."""
+
+
+_FIXED: dict[str, object] = {
+    'filter.inner_threshold': 2, 'filter.outer_threshold': 3, 'filter.relative_tolerance': 0.01,
+    'segments.split_distance': 0.03, 'segments.split_levels': 6, 'segments.join_noise': 2.5, 'segments.join_gap': 1.0}
+"""Parameters of earlier versions, without `ADVANCED`, that no sensor, robot or building needs -> their fixed value."""
+
+
+def gone(name: str, names: Collection[str]) -> str:
+    """Say what one of `names` is that a parameter of earlier versions is now, or why it is gone; else empty."""
+    plain = name.removeprefix(ADVANCED)
+    if name in _OF_PAPER:
+        return (f'{name} belongs to the method of the paper, which has no parameters any more; run it with --method '
+                'paper (register, compare)')
+    if plain in _FIXED:
+        return f'{name} is no parameter any more: it is {_FIXED[plain]} for every sensor, robot and building'
+    return next((f'{name} is now {other}' for other in (plain, f'{ADVANCED}{plain}') if other in names), '')
+
+
+def unknown(name: str, names: Collection[str]) -> str:
+    """Say that none of `names` is `name`: what it is now, why it is gone, or which one was meant."""
+    return gone(name, names) or f'unknown parameter {name!r}; {suggest(name, names)}'
 
 
 def suggest(name: str, names: Iterable[str]) -> str:

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ...core.errors import ParameterError
-from ...core.parameters.schema import Description, suggest
+from ...core.parameters.schema import Description, gone, suggest
 from ...robot.parameters import NodeParameters, is_ros_parameter
 from ...robot.sensors import sensor_descriptions
 
@@ -48,6 +48,8 @@ class LiveParameters:
         known = NodeParameters.describe()
         self._descriptions = {d.name: d for d in known} | sensor_descriptions(given.get('sensors'), known)
         for name in sorted(given.keys() - self._descriptions.keys()):
+            if gone(name, self._descriptions):
+                raise ParameterError(gone(name, self._descriptions))
             del given[name]
             node.get_logger().warning(f'unknown parameter {name!r} is ignored; {suggest(name, self._descriptions)}')
         self.value = NodeParameters().replace(given)

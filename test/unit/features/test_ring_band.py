@@ -155,14 +155,6 @@ def test_the_gross_limit_itself_is_not_gross():
     assert filtered(points, gross_error=0.1195)[1][P5] == REMOVED
 
 
-def test_a_count_equal_to_a_threshold_counts_as_above_it():
-    """Alone on a wall the candidate has C1 = C2 = 1."""
-    points = pushed(wall(), b10=0.12)
-    assert filtered(points, inner_threshold=2, outer_threshold=2)[1][P5] == SMOOTHED
-    assert filtered(points, inner_threshold=2, outer_threshold=1)[1][P5] == CORNER
-    assert filtered(points, inner_threshold=1, outer_threshold=1)[1][P5] == REMOVED
-
-
 def test_consensus_judges_the_beams_at_both_ends():
     """The first and the last beam have no inner ring to average: they stay."""
     for beam in range(21):

@@ -185,11 +185,10 @@ def test_ends_before_a_background_are_free_and_hidden_ends_are_not():
 
 @pytest.mark.parametrize('depth, kind', [(0.13, EndKind.OCCLUSION), (0.17, EndKind.FREE)])
 def test_a_wall_ends_where_what_is_behind_lies_deeper_than_the_margin_and_the_noise(depth, kind):
-    """A margin of 0.09 m and three times a noise of 0.02 m."""
+    """A margin of 0.12 m and three times a noise of 0.01 m."""
     walls = np.array([[(2.0, -0.5), (2.0, 0.5)], [(2.0 + depth, -5.0), (2.0 + depth, 5.0)]])
-    parameters = PLAIN.replace({'scan.noise_min': 0.02, 'scan.noise_max': 0.02, 'advanced.segments.depth_margin': 0.09,
-                                'advanced.segments.breakpoint_noise': 0.0, 'advanced.segments.breakpoint_factor': 2.0,
-                                'advanced.segments.join_gap': 0.0})
+    parameters = PLAIN.replace({'scan.noise_min': 0.01, 'scan.noise_max': 0.01, 'advanced.segments.depth_margin': 0.12,
+                                'advanced.segments.breakpoint_noise': 0.0, 'advanced.segments.breakpoint_factor': 2.0})
     found = segments_of(walls, parameters, geometry=HALF)
     front = np.flatnonzero(np.abs(found.midpoint[:, 0] - 2.0) < 0.01)
     assert found.kinds[front].tolist() == [[kind, kind]]
@@ -202,9 +201,16 @@ def test_parts_of_one_wall_are_joined_whatever_their_sizes():
     ranges[[10, 51, 57]] = np.inf
     whole = extract_features(Scan(0, ranges, scan.geometry), PLAIN.replace({'advanced.segments.max_gap': 1})).segments
     assert whole.beams.tolist() == [[0, 68]]
-    parts = extract_features(Scan(0, ranges, scan.geometry),
-                             PLAIN.replace({'advanced.segments.max_gap': 1, 'advanced.segments.join_gap': 0.0}))
-    assert parts.segments.beams.tolist() == [[0, 9], [11, 50], [52, 56], [58, 68]]
+
+
+@pytest.mark.parametrize('missing, beams', [(26, [[0, 68]]), (28, [[0, 19], [48, 68]])])
+def test_parts_of_one_wall_are_joined_across_a_gap_of_up_to_a_metre(missing, beams):
+    """Without 26 beams the parts are 0.96 m apart, without 28 of them 1.03 m."""
+    scan = look(np.array([[(2.0, -50.0), (2.0, 50.0)]]), geometry=ScanGeometry(-0.6, DEGREE, 69))
+    ranges = np.array(scan.ranges)
+    ranges[20:20 + missing] = np.inf
+    found = extract_features(Scan(0, ranges, scan.geometry), PLAIN.replace({'advanced.segments.max_gap': 1})).segments
+    assert found.beams.tolist() == beams
 
 
 def test_panels_that_stand_ten_centimetres_apart_are_not_joined_whatever_their_sizes():

@@ -152,8 +152,11 @@ def test_numbers_may_be_written_as_ros_takes_them(read, number):
 @pytest.mark.parametrize('text, complaint', [
     ('/**: {ros__parameters: {scan: {range_mx: 5.0}}}',
      "unknown parameter 'scan.range_mx'; did you mean 'scan.range_max'?"),
-    ('/**: {ros__parameters: {rotation: {eps_min: 0.1}}}',
-     "unknown parameter 'rotation.eps_min'; did you mean 'advanced.rotation.eps_min'?"),
+    ('/**: {ros__parameters: {advanced: {scan: {range_min: 0.1}}}}', 'advanced.scan.range_min is now scan.range_min'),
+    ('/**: {ros__parameters: {density: {max_distance: 0.5}}}',
+     'density.max_distance is now advanced.density.max_distance'),
+    ('/**: {ros__parameters: {advanced: {segments: {join_gap: 0.5}}}}',
+     'advanced.segments.join_gap is no parameter any more: it is 1.0 for every sensor, robot and building'),
     ('/**: {ros__parameters: {scan: {range_max: far}}}', "scan.range_max = 'far': expected a number"),
     ('/**: {ros__parameters: {scan: {range_max: -1.0}}}', 'scan.range_max = -1.0: expected 0.0 to 1000.0 m'),
     ('/**: {ros__parameters: {scan: {range_max: .nan}}}', 'scan.range_max = nan: expected a finite number'),
