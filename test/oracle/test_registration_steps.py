@@ -166,9 +166,9 @@ def test_rivals_lie_farther_than_a_distance_or_an_angle(rng):
         off = candidates[:, :2] - candidates[0, :2]
         if direction is not None:
             off = off @ np.array((-math.sin(direction), math.cos(direction)))[:, None]
-        rivals = ((np.linalg.norm(off, axis=1) > P.decision.rival_distance)
-                  | (np.abs(wrap(candidates[:, 2] - candidates[0, 2])) > P.decision.rival_angle))
-        np.testing.assert_array_equal(find_rivals(candidates, direction, P.decision), rivals)
+        rivals = ((np.linalg.norm(off, axis=1) > 0.2)
+                  | (np.abs(wrap(candidates[:, 2] - candidates[0, 2])) > 0.09))
+        np.testing.assert_array_equal(find_rivals(candidates, direction), rivals)
 
 
 def test_scans_that_were_registered_can_be_copied():

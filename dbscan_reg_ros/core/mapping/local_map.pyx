@@ -8,6 +8,7 @@ from libc.math cimport cos, llrint, sin, sqrt
 from ..features.free_space cimport violation
 from ..features.oriented_points cimport OrientedPoints
 from ..geometry.plane cimport dot, modulus, rotated
+from ..registration.scoring cimport VIOLATION_TOLERANCE
 
 
 def older_map_points(older, latest, density):
@@ -26,7 +27,7 @@ def older_map_points(older, latest, density):
     features, samples = latest.features, [frame.features.sampled_points for frame in older]
     cdef OrientedPoints own = features.oriented_points, others
     cdef const double[::1] near = features.free_space.near
-    cdef double tolerance = density.violation_tolerance, side = density.cell_size, farthest
+    cdef double tolerance = VIOLATION_TOLERANCE, side = density.cell_size, farthest
     cdef Py_ssize_t size = sum([len(each) for each in samples]), first = size, number, k
     cdef NewestInCell cells = NewestInCell(size + own.size)
     points, normals, beams = np.empty(size, complex), np.empty(size, complex), np.empty(size, np.intp)

@@ -166,24 +166,6 @@ class ManhattanParameters(ParameterGroup):
         help='Standard deviation of the heading drift after 1 m; it grows with the square root of the distance, to '
              'which each rad of rotation adds 1 m. Larger values correct the heading more strongly; 0 disables the '
              'correction.')
-    wall_sigma: float = parameter(
-        0.012, unit='rad', bounds=(0.0001, 1.0),
-        help='Standard deviation of the angle between the walls at one place and the common directions of the '
-             'building. Larger values correct the heading less; smaller values trust every wall more.')
-    correlation_distance: float = parameter(
-        20.0, unit='m', bounds=(0.1, 100000.0),
-        help='Distance over which the deviation of walls from the common directions is correlated. Larger values '
-             'treat the walls along a longer distance as one observation and correct the heading less; smaller values '
-             'treat more walls as new observations.')
-    direction_sigma: float = parameter(
-        0.035, unit='rad', bounds=(0.001, 0.5),
-        help='Standard deviation of the angle between a wall and the common direction to which it is parallel. Larger '
-             'values use more walls, including oblique ones; smaller values use fewer.')
-    min_aligned_ratio: float = parameter(
-        0.5, bounds=(0.0, 1.0),
-        help='The heading is corrected only where at least this fraction of the wall length follows the common '
-             'directions. Larger values correct the heading only in buildings with right angles; smaller values also '
-             'correct it elsewhere.')
 
 
 @dataclass(frozen=True)

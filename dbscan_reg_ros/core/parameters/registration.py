@@ -9,6 +9,8 @@ from ..geometry.array_types import FloatArray
 from ..geometry.tolerance import RESOLUTION
 from .schema import ParameterGroup, parameter
 
+POLISH_SPREAD = 1.6
+"""Kernel scale of a polishing iteration in multiples of the spread of the errors: most points keep their weight."""
 MAX_COUNT = 10000
 """Upper limit of every parameter that the wide search multiplies."""
 
@@ -119,10 +121,6 @@ class DensityParameters(ParameterGroup):
         help='Weight in the score of a point in the free space of the other scan, relative to a point on a surface. '
              'Larger values reject more hypotheses with points in free space; smaller values tolerate more dynamic '
              'points.')
-    violation_tolerance: float = parameter(
-        0.15, unit='m', bounds=(0.01, 10.0),
-        help='A point violates the free space of the other scan when it lies farther than this in front of the ranges '
-             'measured there. Larger values tolerate larger errors; smaller values detect more violations.')
     leverage_ridge: float = parameter(
         1.0, bounds=(0.001, 1000.0),
         help='Ridge of the statistical leverage that gives points with a rare normal direction more weight. Larger '
@@ -138,11 +136,6 @@ class SelectionParameters(ParameterGroup):
         20, bounds=(1, MAX_COUNT),
         help='Number of translation clusters that become hypotheses, those with the largest weight first. Larger '
              'values also try motions with little support and take longer; smaller values are faster.')
-    preselection_points: int = parameter(
-        60, bounds=(5, 10000),
-        help='Number of points for the pre-selection and, without a prior, for the coarse refinement; points with a '
-             'rare normal direction are added. Larger values select more reliably and take longer; smaller values are '
-             'faster.')
     preselection_tolerance: float = parameter(
         0.25, unit='m', bounds=(0.01, 10.0),
         help='Distance from the outline of the reference beyond which a point does not support a hypothesis in the '
@@ -155,11 +148,6 @@ class SelectionParameters(ParameterGroup):
         0.6, bounds=(0.0, 1.0),
         help='Without a prior, hypotheses whose support is below this fraction of the best support are dropped before '
              'the refinement. Larger values drop more hypotheses and are faster; smaller values drop fewer.')
-    wide_search_score: float = parameter(
-        0.5, bounds=(-1.0, 1.0),
-        help='If the score is below this, the wide search with more hypotheses follows; without a prior it also '
-             'follows if the status is not OK. Larger values search more often and take longer; smaller values search '
-             'less often.')
     wide_search_factor: int = parameter(
         30, bounds=(1, 100),
         help='Factor by which the wide search increases the numbers of hypotheses. Larger values also try motions '
@@ -168,10 +156,6 @@ class SelectionParameters(ParameterGroup):
         24, bounds=(0, 50),
         help='Number of small objects, the nearest first, whose pairs give further hypotheses in the wide search. '
              'Larger values help among trees and poles and take longer; 0 uses none.')
-    landmark_size: float = parameter(
-        1.0, unit='m', bounds=(0.0, 10.0),
-        help='Small objects below this size are landmarks of the wide search. Larger values use more objects as '
-             'landmarks; smaller values use only poles and trunks.')
     top_candidates: int = parameter(
         2, bounds=(1, 1000),
         help='Number of distinct hypotheses that are compared in the fine refinement. The best hypothesis and up to '
@@ -182,16 +166,6 @@ class SelectionParameters(ParameterGroup):
         help='Hypotheses are dropped before the fine refinement if their coarse score, reduced for points in free '
              'space, is lower than the best such score by more than this. Larger values compare more hypotheses; '
              'smaller values are faster.')
-    same_distance: float = parameter(
-        0.05, unit='m', bounds=(0.0, 10.0),
-        help='Two hypotheses are the same motion if their translations differ by less than this, and their rotations '
-             'by less than advanced.selection.same_angle. Larger values keep fewer distinct hypotheses; smaller '
-             'values keep more.')
-    same_angle: float = parameter(
-        0.02, unit='rad', bounds=(0.0, 3.2),
-        help='Two hypotheses are the same motion if their rotations differ by less than this, and their translations '
-             'by less than advanced.selection.same_distance. Larger values keep fewer distinct hypotheses; smaller '
-             'values keep more.')
 
 
 @dataclass(frozen=True)
@@ -223,10 +197,6 @@ class RefinementParameters(ParameterGroup):
         5, bounds=(0, 100),
         help='Number of polishing iterations of the best hypothesis, with a kernel that narrows to the spread of the '
              'errors. Larger values converge more exactly and take longer; 0 disables polishing.')
-    polish_spread: float = parameter(
-        1.6, bounds=(1.2, 10.0),
-        help='Kernel scale of a polishing iteration in multiples of the spread of the errors. Larger values use more '
-             'points; smaller values resist outliers more.')
     map_iterations: int = parameter(
         4, bounds=(0, 100),
         help='Number of iterations that align a scan with the key-frame window. Larger values converge more exactly '
@@ -266,7 +236,7 @@ class RefinementParameters(ParameterGroup):
 
     def narrowed(self, scale: float, spread: float) -> float:
         """Kernel scale [m] of the next polishing iteration, from the last `scale` [m] and `spread` of errors [m]."""
-        return min(max(self.polish_spread * spread, RESOLUTION), scale)
+        return min(max(POLISH_SPREAD * spread, RESOLUTION), scale)
 
 
 def _geometric(first: float, last: float, count: int) -> list[float]:
@@ -287,10 +257,6 @@ class DegeneracyParameters(ParameterGroup):
         help='Distance that is searched to either side of a hypothesis along a degenerate direction. Larger values '
              'correct larger errors, may find a repeated structure instead, and take longer; smaller values stay near '
              'the hypothesis.')
-    min_points: int = parameter(
-        2, bounds=(1, 1000),
-        help='A degenerate direction is searched when at least this many points have normals along it. Larger values '
-             'search less often; smaller values search on little evidence.')
     parallel_tolerance: float = parameter(
         0.25, bounds=(0.0, 1.0),
         help='In the odometry, walls whose normals have a smaller component than this along the least constrained '
@@ -304,14 +270,6 @@ class DecisionParameters(ParameterGroup):
 
     BASIC = 'min_confidence', 'min_score'
 
-    rival_distance: float = parameter(
-        0.2, unit='m', bounds=(0.0, 10.0),
-        help='Hypotheses farther than this from the best one are rivals. Larger values report AMBIGUOUS less often; '
-             'with smaller values hypotheses near the best one are rivals, too.')
-    rival_angle: float = parameter(
-        0.09, unit='rad', bounds=(0.0, 3.2),
-        help='Hypotheses whose rotation differs from that of the best one by more than this are rivals. Larger values '
-             'report AMBIGUOUS less often; with smaller values hypotheses near the best one are rivals, too.')
     min_confidence: float = parameter(
         0.95, bounds=(0.0, 1.0),
         help='The status is AMBIGUOUS when the confidence, the probability that the motion is right, is below this. '

@@ -267,7 +267,12 @@ _OF_PAPER = frozenset((
 
 _FIXED: dict[str, object] = {
     'filter.inner_threshold': 2, 'filter.outer_threshold': 3, 'filter.relative_tolerance': 0.01,
-    'segments.split_distance': 0.03, 'segments.split_levels': 6, 'segments.join_noise': 2.5, 'segments.join_gap': 1.0}
+    'segments.split_distance': 0.03, 'segments.split_levels': 6, 'segments.join_noise': 2.5, 'segments.join_gap': 1.0,
+    'density.violation_tolerance': 0.15, 'selection.preselection_points': 60, 'selection.wide_search_score': 0.5,
+    'selection.landmark_size': 1.0, 'selection.same_distance': 0.05, 'selection.same_angle': 0.02,
+    'refinement.polish_spread': 1.6, 'degeneracy.min_points': 2, 'decision.rival_distance': 0.2,
+    'decision.rival_angle': 0.09, 'manhattan.wall_sigma': 0.012, 'manhattan.correlation_distance': 20.0,
+    'manhattan.direction_sigma': 0.035, 'manhattan.min_aligned_ratio': 0.5}
 """Parameters of earlier versions, without `ADVANCED`, that no sensor, robot or building needs -> their fixed value."""
 
 

@@ -99,7 +99,7 @@ class Assessment(NamedTuple):
     hypotheses : tuple of Hypothesis
         Best first.
     rivals : tuple of Hypothesis
-        Those that differ from the best by `decision.rival_distance` or `decision.rival_angle`; differences along a
+        Those that differ from the best by `RIVAL_DISTANCE` or `RIVAL_ANGLE`; differences along a
         degenerate direction do not count.
     overlap : float
         Of the best, as in `Registration`.

@@ -17,10 +17,13 @@ from ..parameters.tree import Parameters
 from .records import Prior
 from .scoring import distinct, within_gate
 
+LANDMARK_SIZE = 1.0
+"""Small objects below this size [m] are landmarks: trunks, bins and legs, whose middles agree from all sides."""
+
 
 def landmarks(features: Features, parameters: Parameters) -> ComplexArray:
     """Return the middles (complex [m]) of the nearest `selection.max_landmarks` small objects, nearest first."""
-    objects = find_small_objects(features, parameters.selection.landmark_size, parameters.segments)
+    objects = find_small_objects(features, LANDMARK_SIZE, parameters.segments)
     nearest = order_up_to_rounding(objects.nearest)[:parameters.selection.max_landmarks]
     middles: ComplexArray = objects.middle[nearest]
     return middles

@@ -136,10 +136,14 @@ def heaviest_candidates(problem: Problem) -> Candidates:
     return Candidates(np.concatenate((problem.prior.transform.as_array()[None], shortest)), motions)
 
 
+WIDE_SEARCH_SCORE = 0.5
+"""Score below which the wide search follows; right results score less only where much of the view has changed."""
+
+
 def needs_wide_search(found: Registration, problem: Problem) -> bool:
     """Whether the result of the normal stage is uncertain: its score is low, or without a prior it is not ``OK``."""
     p = problem.parameters.selection
     if p.wide_search_factor == 1:
         return False
-    return found.score < p.wide_search_score or (problem.prior is None and found.status is not Status.OK)
+    return found.score < WIDE_SEARCH_SCORE or (problem.prior is None and found.status is not Status.OK)
 

@@ -16,13 +16,16 @@ from ..geometry.plane cimport length_of, wrap
 from ..geometry.symmetric cimport Weakest, squared_distance, weakest_direction
 from .point_to_line cimport Equations, Hypotheses, Hypothesis, Matches, Pose, add_points, match_points, pose_at
 from .point_to_line cimport refine_hypotheses, solve_step, weigh
-from .scoring cimport Comparison, choose_distinct, search_along, write_reverse_conflicts, write_scores
+from .scoring cimport PRESELECTION_POINTS, RIVAL_ANGLE, RIVAL_DISTANCE, Comparison, choose_distinct, search_along, write_reverse_conflicts, write_scores
 
 cdef double TINY = tolerance.TINY
 
 cdef enum:
     # The best hypothesis is compared with at most this many rivals (hypotheses with different motions).
     RIVALS = 7
+
+# Hypotheses that differ by less than this [m, rad] are the same motion: they converge to one pose.
+cdef double SAME_DISTANCE = 0.05, SAME_ANGLE = 0.02
 
 
 def rank_by_density(problem, candidates, double min_score):
@@ -81,7 +84,7 @@ cdef Hypotheses rank_coarsely(Search search, candidates):
         found = Hypotheses(exempt, preselect(others, points, problem.reference.free_space, p.selection, p.density))
         improve(search, found, search.own, search.coarse_scales, False)
         return found
-    cdef OrientedPoints some = sample(points, p.selection.preselection_points)
+    cdef OrientedPoints some = sample(points, PRESELECTION_POINTS)
     found = Hypotheses(exempt, others)
     keep_supported(search, found, some, p.refinement.coarse_scale, p.selection.min_support_ratio)
     improve(search, found, some, search.coarse_scales, False)
@@ -188,12 +191,12 @@ cdef int rank_finely(Search search, Hypotheses found) except -1:
 cdef int keep_top_candidates(Search search, Hypotheses found) except -1:
     """Keep the hypotheses that are compared finely, most plausible first: the best, and rivals of it."""
     p = search.problem.parameters
-    s, d = p.selection, p.decision
+    s = p.selection
     cdef Py_ssize_t[::1] index = found.index[0], flag = found.index[2]
     cdef double[::1] value = found.number[0], least = found.number[1, :found.size]
     cdef Py_ssize_t h, count
     cdef double gap = s.max_score_gap
-    if choose_distinct(found, 2, s.same_distance, s.same_angle, flag, index) == 1:
+    if choose_distinct(found, 2, SAME_DISTANCE, SAME_ANGLE, flag, index) == 1:
         index[0] = 0
         return found.select(index, 1)
     write_reverse_conflicts(search, found, value)
@@ -206,8 +209,8 @@ cdef int keep_top_candidates(Search search, Hypotheses found) except -1:
         count += 1
     found.select(index, count)
     flag[:] = False
-    choose_distinct(found, s.top_candidates, s.same_distance, s.same_angle, flag, index)
-    choose_distinct(found, 1 + RIVALS, d.rival_distance, d.rival_angle, flag, index)
+    choose_distinct(found, s.top_candidates, SAME_DISTANCE, SAME_ANGLE, flag, index)
+    choose_distinct(found, 1 + RIVALS, RIVAL_DISTANCE, RIVAL_ANGLE, flag, index)
     count = 0
     for h in range(found.size):
         if flag[h]:

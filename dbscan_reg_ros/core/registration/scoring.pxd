@@ -10,6 +10,14 @@ from ..geometry.plane cimport length_of, wrap
 from .point_to_line cimport Hypotheses, Pose
 from .views cimport Lines
 
+# Hypotheses farther than this [m] or [rad] from the best are rivals: a robot there would notice it.
+cdef double RIVAL_DISTANCE, RIVAL_ANGLE
+# A point violates the free space of the other scan when it is farther than this [m] before the ranges measured there:
+# farther than a surface seen at a grazing angle is from its neighbouring beams.
+cdef double VIOLATION_TOLERANCE
+# Number of points for the pre-selection and, without a prior, for the coarse refinement.
+cdef Py_ssize_t PRESELECTION_POINTS
+
 
 cdef inline bint are_near(double x, double y, double theta, double most_apart, double angle) noexcept nogil:
     """Whether a difference of two motions is at most a distance [m] and an angle [rad]."""

@@ -4,13 +4,11 @@ from ..features.free_space import FreeSpaceProfile
 from ..features.oriented_points import OrientedPoints
 from ..geometry.array_types import BoolArray, FloatArray
 from ..parameters.odometry import PriorParameters
-from ..parameters.registration import DecisionParameters, DensityParameters, SelectionParameters
+from ..parameters.registration import DensityParameters, SelectionParameters
 from .records import Prior
 from .search import Problem
 
-def find_rivals(
-    candidates: FloatArray, direction: float | None, parameters: DecisionParameters
-) -> BoolArray: ...
+def find_rivals(candidates: FloatArray, direction: float | None) -> BoolArray: ...
 def scores(problem: Problem, candidates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]: ...
 def reverse_conflicts(problem: Problem, candidates: FloatArray) -> FloatArray: ...
 def preselect(

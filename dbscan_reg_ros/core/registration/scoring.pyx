@@ -17,16 +17,21 @@ from .views cimport lines_of
 
 cdef double TINY = tolerance.TINY
 
+RIVAL_DISTANCE, RIVAL_ANGLE = 0.2, 0.09
+VIOLATION_TOLERANCE = 0.15
+PRESELECTION_POINTS = 60
+# Least number of points that face a degenerate direction: one fits everywhere along it.
+cdef Py_ssize_t MIN_FACING = 2
 
-def find_rivals(candidates, direction, parameters):
-    """Return which hypotheses ``(H, 3)`` differ from the first by `decision.rival_distance` or `decision.rival_angle`.
+
+def find_rivals(candidates, direction):
+    """Return which hypotheses ``(H, 3)`` differ from the first by `RIVAL_DISTANCE` or `RIVAL_ANGLE`.
 
     The result is ``(H,)`` bool. Differences along a degenerate `direction` [rad] or None do not count.
     """
     cdef double[:, ::1] poses = np.array(candidates)
     cdef Py_ssize_t h
     cdef double x = poses[0, 0], y = poses[0, 1], theta = poses[0, 2], c, s, off
-    cdef double apart = parameters.rival_distance, angle = parameters.rival_angle
     flags = np.zeros(poses.shape[0], dtype=bool)
     cdef unsigned char[::1] flag = flags
     if direction is not None:
@@ -35,7 +40,8 @@ def find_rivals(candidates, direction, parameters):
             off = (poses[h, 0] - x) * c + (poses[h, 1] - y) * s
             poses[h, 0], poses[h, 1] = poses[h, 0] - off * c, poses[h, 1] - off * s
     for h in range(poses.shape[0]):
-        flag[h] = not are_near(poses[h, 0] - x, poses[h, 1] - y, poses[h, 2] - theta, apart, angle)
+        flag[h] = not are_near(poses[h, 0] - x, poses[h, 1] - y, poses[h, 2] - theta, RIVAL_DISTANCE,
+                               RIVAL_ANGLE)
     return flags
 
 
@@ -48,7 +54,7 @@ cdef class Comparison:
         self.own, self.share = current.sampled_points, current.leverage
         self.near = problem.reference.free_space.near
         self.min_cosine, self.damping = p.density.min_normal_cosine, p.refinement.damping
-        self.score_scale, self.tolerance = p.refinement.score_scale, p.density.violation_tolerance
+        self.score_scale, self.tolerance = p.refinement.score_scale, VIOLATION_TOLERANCE
         self.against = p.density.violation_weight
         if self.share.shape[0] != self.own.size:
             raise IndexError('arrays of different lengths')
@@ -148,7 +154,7 @@ def preselect(candidates, points, profile, parameters, density):
     cdef Py_ssize_t most = parameters.preselected, size = len(candidates), h, first, k, at
     if size <= most:
         return candidates
-    cdef OrientedPoints some = sample(points, parameters.preselection_points)
+    cdef OrientedPoints some = sample(points, PRESELECTION_POINTS)
     cdef const double[:, :] motion = candidates
     cdef const double[::1] near = profile.near, far = profile.far
     cdef double tolerance = parameters.preselection_tolerance, against = density.violation_weight, radius
@@ -238,7 +244,7 @@ cdef search_along(Comparison comparison, candidates, const double[::1] angles):
     cdef double[:, ::1] poses = shifted
     cdef double[::1] value
     points = points.select(facing(points, poses, angles, least))
-    if points.size < p.degeneracy.min_points:
+    if points.size < MIN_FACING:
         return shifted
     for reach, step, scale in ((p.degeneracy.search_distance, 2.0 * last, 3.0 * last), (2.5 * last, 0.4 * last, last)):
         value = np.empty(2 * <Py_ssize_t> (reach / step) + 1)

@@ -9,6 +9,7 @@ from rooms import FULL, HALF, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Parameters, Prior, Scan, ScanError, ScanGeometry, Status, register
 from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.registration import pipeline
 from dbscan_reg_ros.core.registration.pipeline import search_near
 from dbscan_reg_ros.core.registration.search import Problem, SearchStage
 
@@ -140,13 +141,13 @@ def test_a_prior_decides_between_rivals():
         assert register(reference, current, prior=prior).transform.theta == pytest.approx(turn, abs=0.01)
 
 
-def test_a_search_that_is_repeated_knows_the_prior():
+def test_a_search_that_is_repeated_knows_the_prior(monkeypatch):
+    monkeypatch.setattr(pipeline, 'WIDE_SEARCH_SCORE', 1.0)
     square = outline([(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)])
     reference, current = features(SE2(), walls=square), features(SE2(0.1, 0.0, 0.4), walls=square)
-    always = Parameters().replace({'advanced.selection.wide_search_score': 1.0})
     for turn in 0.4 + 0.5 * math.pi * np.arange(4):
         prior = Prior(SE2(0.1, 0.0, turn), np.diag([0.2, 0.2, 0.1]) ** 2)
-        found = register(reference, current, always, prior).transform.theta
+        found = register(reference, current, prior=prior).transform.theta
         assert math.remainder(found - turn, 2.0 * math.pi) == pytest.approx(0.0, abs=0.01)
 
 

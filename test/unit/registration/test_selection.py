@@ -108,8 +108,7 @@ def test_promising_hypotheses_have_enough_of_the_best_support():
     support = np.array([weight(each, ALIKE.refinement.coarse_scale).sum() for each in fits])
     assert 0.9 > support[0] / support[1] > support[2] / support[1] + 0.1
     for share, count in (0.95 * support[0] / support[1], 2), (1.05 * support[0] / support[1], 1), (0.0, 3):
-        p = ALIKE.replace(UNREFINED | {'advanced.selection.min_support_ratio': float(share),
-                                       'advanced.selection.preselection_points': 1000})
+        p = ALIKE.replace(UNREFINED | {'advanced.selection.min_support_ratio': float(share)})
         assert len(np.unique(ranked(Problem(reference, current, p), candidates).candidates, axis=0)) == count
 
 

@@ -23,7 +23,7 @@ ROOM = outline(L_ROOM)
 def test_rivals_widen_the_covariance_by_their_distance_in_the_sensor_frame():
     """By half of its square where the log-odds are equal."""
     candidates = np.array([(1.0, 2.0, 0.5 * math.pi), (1.0, 5.0, 2.5 * math.pi), (1.0, 2.1, 0.5 * math.pi)])
-    assert find_rivals(candidates, None, Parameters().decision).tolist() == [False, True, False]
+    assert find_rivals(candidates, None).tolist() == [False, True, False]
     best, rival, unlikely = (Hypothesis(SE2.from_array(candidates[k]), 0.9, odds)
                              for k, odds in ((0, 9.0), (1, 9.0), (1, -9.0)))
     assert rival_covariance(best, [rival]) == pytest.approx(np.diag([4.5, 0.0, 0.0]), abs=1e-9)
@@ -58,7 +58,7 @@ def test_hypotheses_that_are_different_motions_are_assessed_best_first():
 def test_along_a_degenerate_direction_there_is_no_rival():
     candidates = np.array([(0.0, 0.0, 0.0), (3.0 * math.cos(0.4), 3.0 * math.sin(0.4), 0.0)])
     for direction, different in ((None, True), (0.4, False), (0.4 + 0.5 * math.pi, True)):
-        assert find_rivals(candidates, direction, Parameters().decision).tolist() == [False, different]
+        assert find_rivals(candidates, direction).tolist() == [False, different]
 
 
 @pytest.mark.parametrize(('status', 'weakest', 'spread', 'expected'), [

@@ -63,16 +63,16 @@ class ManhattanHeading:
         if not len(length):
             return 0.0, 1.0
         if self._direction is None:
-            self._direction = _densest_direction(directions, length, p.direction_sigma)
+            self._direction = _densest_direction(directions, length, _DIRECTION_SIGMA)
             drift = self._covariance[0, 0]
-            self._covariance = np.diag((drift, p.wall_sigma ** 2, _UNKNOWN_SIGMA ** 2))
+            self._covariance = np.diag((drift, _WALL_SIGMA ** 2, _UNKNOWN_SIGMA ** 2))
         offsets = wrap_period(directions - self._direction - self._deviation, RIGHT_ANGLE)
-        innovation, aligned_length = _mean_shift(offsets, length, p.direction_sigma)
+        innovation, aligned_length = _mean_shift(offsets, length, _DIRECTION_SIGMA)
         common = self._covariance.sum(0)
         variance = common.sum() + _OBSERVATION_SIGMA ** 2 * max(_REFERENCE_LENGTH / aligned_length, 1.0)
         if innovation * innovation > _GATE ** 2 * variance:
             aligned_length = 0.0
-        if not self._count_walls(aligned_length, length.sum(), p.min_aligned_ratio):
+        if not self._count_walls(aligned_length, length.sum()):
             return 0.0, 1.0
         gain, before = common / variance, self._covariance[0, 0]
         self._covariance = self._covariance - gain[:, None] * common
@@ -81,22 +81,22 @@ class ManhattanHeading:
         ratio = math.sqrt(max(self._covariance[0, 0], 0.0) / before) if before else 1.0
         return -gain[0] * innovation, ratio
 
-    def _count_walls(self, aligned_length: float, total_length: float, min_ratio: float) -> bool:
+    def _count_walls(self, aligned_length: float, total_length: float) -> bool:
         """Add the lengths [m] of walls, and return whether enough of the length is along the dominant direction."""
         self._aligned_length += aligned_length
         self._total_length += total_length
         ratio = self._aligned_length / self._total_length
-        if ratio < _FORGET_RATIO * min_ratio:
+        if ratio < _FORGET_RATIO:
             self._forget()
-        return ratio >= min_ratio and bool(aligned_length)
+        return ratio >= _MIN_ALIGNED_RATIO and bool(aligned_length)
 
     def _predict(self, p: ManhattanParameters) -> None:
         """Kalman prediction: add process noise and fade the deviation for the distance since the last observation."""
-        fading = math.exp(-self._distance / p.correlation_distance)
+        fading = math.exp(-self._distance / _CORRELATION_DISTANCE)
         transition = np.array((1.0, fading, 1.0))
         self._covariance = transition[:, None] * self._covariance * transition
         self._covariance[0, 0] += p.heading_drift ** 2 * self._path
-        self._covariance[1, 1] += (1.0 - fading * fading) * p.wall_sigma ** 2
+        self._covariance[1, 1] += (1.0 - fading * fading) * _WALL_SIGMA ** 2
         self._deviation = fading * self._deviation
         self._aligned_length, self._total_length = fading * self._aligned_length, fading * self._total_length
         self._path = self._distance = 0.0
@@ -130,5 +130,13 @@ _GATE = 2.0
 """If the visible walls deviate by more standard deviations than this, they have another dominant direction."""
 _ITERATIONS = 3
 """Number of iterations of the mean shift."""
-_FORGET_RATIO = 0.5
-"""If the ratio of aligned walls is below this fraction of `manhattan.min_aligned_ratio`, the direction is discarded."""
+_WALL_SIGMA = 0.012
+"""Standard deviation [rad] of the angle between the walls at one place and the dominant direction, as built."""
+_CORRELATION_DISTANCE = 20.0
+"""Distance [m] over which that angle is correlated: about the length of a wing."""
+_DIRECTION_SIGMA = 0.035
+"""Standard deviation [rad] of the angle between a wall and the direction that it is parallel to."""
+_MIN_ALIGNED_RATIO = 0.5
+"""The heading is corrected only where at least this ratio of the length of the walls follows the dominant direction."""
+_FORGET_RATIO = 0.25
+"""Ratio of aligned walls below which the direction is discarded."""

@@ -18,7 +18,7 @@ from ...geometry.ordering cimport sort_up_to_rounding
 from ...geometry.plane cimport wrap
 from ..fit cimport Fit, fit_at
 from ..point_to_line cimport Hypotheses, Hypothesis as Motion
-from ..scoring cimport choose_distinct
+from ..scoring cimport RIVAL_ANGLE, RIVAL_DISTANCE, VIOLATION_TOLERANCE, choose_distinct
 from ..uncertainty cimport Limits, Uncertainty, covariance_of, estimate, limits_of
 from ..views cimport Lines, lines_of
 from .evidence cimport Findings, Scene, collect, odds_of, prior_gain
@@ -38,7 +38,7 @@ cdef class Judge:
         self.problem, self.reference, self.current = problem, Scene(reference), Scene(current)
         self.lines, self.limits = lines_of(reference.likelihood_field), limits_of(p.decision)
         self.noise, self.scale = max(reference.noise, current.noise), p.refinement.score_scale
-        self.tolerance, self.min_cosine = p.density.violation_tolerance, p.density.min_normal_cosine
+        self.tolerance, self.min_cosine = VIOLATION_TOLERANCE, p.density.min_normal_cosine
 
     cdef Uncertainty examine(self, Motion *at, bint polishing, Findings *evidence) except *:
         """Write the evidence for a hypothesis and its log-odds, and return its uncertainty; polish it first."""
@@ -90,7 +90,7 @@ def assess(problem, Hypotheses found):
     cdef Findings evidence
     cdef Py_ssize_t h
     if found.size > 1:
-        found.select(found.index[1], choose_distinct(found, found.size, d.rival_distance, d.rival_angle, found.index[0],
+        found.select(found.index[1], choose_distinct(found, found.size, RIVAL_DISTANCE, RIVAL_ANGLE, found.index[0],
                                                      found.index[1]))
     if found.size > 1:
         for h in range(found.size):
@@ -104,7 +104,7 @@ def assess(problem, Hypotheses found):
     rivals = ()
     if found.size > 1:
         direction = of_best.angle if of_best.weak < judge.limits.few else None
-        rivals = tuple(compress(hypotheses, find_rivals(found.motions(), direction, d)))
+        rivals = tuple(compress(hypotheses, find_rivals(found.motions(), direction)))
     return Assessment(hypotheses, rivals, found.rows[0].overlap, covariance_of(&of_best),
                       Observability(of_best.angle, of_best.weak, of_best.rotation), Evidence(**evidence))
 
