@@ -43,7 +43,7 @@ class Preloaded:
         with theirs:
             self._process = subprocess.Popen([sys.executable, __file__, str(theirs.fileno())], stdin=subprocess.DEVNULL,
                                              stdout=subprocess.DEVNULL, pass_fds=[theirs.fileno()],
-                                             env=os.environ | ONE_THREAD)
+                                             env=self._environment | ONE_THREAD)
 
     def serves(self, environment):
         """Whether a process with this environment would import the same, and its branches are not counted."""

@@ -18,14 +18,6 @@ def test_a_feature_is_off_by_other_parameters_and_has_courses(feature):
     assert courses and set(courses) <= set(COURSES)
 
 
-def test_the_worst_measure_counts_and_only_beyond_scatter_and_margin():
-    spread = {'ate_m': 0.01, 'ok': 0.0}
-    same = ablation.worst(({'ate_m': 0.1, 'ok': 0.9}, spread), ({'ate_m': 0.12, 'ok': 0.9}, spread))
-    assert not same['needed']
-    worse = ablation.worst(({'ate_m': 0.1, 'ok': 0.9}, spread), ({'ate_m': 0.09, 'ok': 0.5}, spread))
-    assert worse['needed'] and worse['measure'] == 'ok' and (worse['with'], worse['without']) == (0.9, 0.5)
-
-
 @needs_rosbags
 def test_an_interrupted_run_continues_with_the_results_it_has(data, tmp_path, capsys, monkeypatch):
     words = ['ablation', '--quick', '--limit', '5', '--data', str(data), '--feature', 'poles', '--course', 'lms511',
@@ -37,8 +29,3 @@ def test_an_interrupted_run_continues_with_the_results_it_has(data, tmp_path, ca
     monkeypatch.setattr(ablation.Runner, '_run', lambda *_: pytest.fail('measured again'))
     assert main(words) == 0
     assert (tmp_path / 'rows.json').read_text() == first
-
-
-def test_an_unknown_feature_is_reported_in_one_line(data, capsys):
-    assert main(['ablation', '--data', str(data), '--feature', 'walls']) == 2
-    assert "unknown feature 'walls'; expected 'ring band filter'" in capsys.readouterr().err

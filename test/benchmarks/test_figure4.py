@@ -38,6 +38,7 @@ def test_the_papers_parameters_solve_a_named_scan(scans):
     assert figure4.exact(attempt(method('paper'), figure4.trial(scans[figure4.EXAMPLE])))
 
 
+@pytest.mark.long
 def test_the_defaults_solve_all_50_scans(scans):
     ours = method('dbscan')
     missed = [i for i in figure4.SCANS if not figure4.exact(attempt(ours, figure4.trial(scans[i])))]

@@ -2,7 +2,6 @@
 """The node in a process of its own, over real DDS."""
 import array
 import contextlib
-import itertools
 import math
 import re
 import signal
@@ -28,6 +27,7 @@ from ros_helpers import (
     transform,
 )
 from sensor_msgs.msg import LaserScan
+from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from dbscan_reg_ros import SE2
@@ -46,35 +46,8 @@ def test_every_scan_is_answered_with_its_stamp_and_the_true_pose(node, player, s
     assert (answers.lost, answers.unexpected) == (0, 0)
     assert [in_nanoseconds(m.header.stamp) for m in answers.messages] == [scan.stamp for scan in scans]
     assert distances(answers.messages, truth).max() < 0.05
-
-
-def test_odometry_is_valid_from_the_first_message(node, player, scans):
-    messages = played(player, scans[:10]).messages
-    first = messages[0].pose.pose.orientation
-    assert (first.x, first.y, first.z, first.w) == (0.0, 0.0, 0.0, 1.0)
-    for message in messages:
-        assert (message.header.frame_id, message.child_frame_id) == ('odom', 'base_link')
-        q = message.pose.pose.orientation
-        assert q.x**2 + q.y**2 + q.z**2 + q.w**2 == pytest.approx(1.0, abs=1e-12)
-        for stamped in (message.pose, message.twist):
-            covariance = np.reshape(stamped.covariance, (6, 6))
-            assert np.isfinite(covariance).all()
-            assert np.linalg.eigvalsh(covariance).min() > 0.0
-            assert (np.diag(covariance)[2:5] == 1e6).all()
-            assert (np.diag(covariance)[[0, 1, 5]] < 1.01).all()
-
-
-def test_twist_is_the_velocity_in_the_base_frame(node, player, scans, truth):
-    answers = played(player, scans)
-    period = 0.1
-    errors = []
-    for message, (before, now) in zip(answers.messages[1:], itertools.pairwise(truth), strict=True):
-        twist = message.twist.twist
-        step = before.inverse() @ now
-        errors.append((twist.linear.x - step.x / period, twist.linear.y - step.y / period,
-                       twist.angular.z - step.theta / period))
-    assert np.abs(errors).max() < 0.5
-    assert (np.abs(errors).mean(axis=0) < 0.1).all()
+    assert {(m.header.frame_id, m.child_frame_id) for m in answers.messages} == {('odom', 'base_link')}
+    assert pose_of(answers.messages[0]) == SE2()
 
 
 def test_best_effort_scans_are_received_and_odometry_is_reliable(node, peer, scans):
@@ -90,16 +63,25 @@ def test_best_effort_scans_are_received_and_odometry_is_reliable(node, peer, sca
     peer.until(lambda: publisher.publish(scan_to_message(scans[0])) or segments)
 
 
-def test_a_namespace_takes_all_topics_along(start_node, peer, scans, ros_environment):
-    start_node('-r', '__ns:=/left')
-    start_node('-r', '__ns:=/right')
-    with Player(['--ros-args', '-r', '__ns:=/left']) as left, Player(['--ros-args', '-r', '__ns:=/right']) as right:
-        right.wait_for_node(TIMEOUT)
-        answers = played(left, scans[:20])
-        assert (answers.lost, answers.unexpected) == (0, 0)
-        answers = right.play(scans[:1])
-        assert (answers.lost, answers.unexpected) == (0, 0)
-        assert pose_of(answers.messages[0]) == SE2()
+def test_robots_in_one_graph_do_not_touch_each_other(start_node, peer, scans, truth):
+    names = ['/left', '/right']
+    for name in names:
+        start_node('-r', f'__ns:={name}', '-r', '/tf:=tf', '-r', '/tf_static:=tf_static')
+    with contextlib.ExitStack() as stack:
+        players = [stack.enter_context(Player(['--ros-args', '-r', f'__ns:={name}'])) for name in names]
+        for player in players:
+            player.wait_for_node(TIMEOUT)
+        for begin, player in zip((0, 30), players, strict=True):
+            answers = player.play(scans[begin:begin + 20])
+            assert (answers.lost, answers.unexpected) == (0, 0)
+            back = truth[begin].inverse()
+            assert distances(answers.messages, [back @ pose for pose in truth[begin:begin + 20]]).max() < 0.05
+        assert peer.call(Trigger, '/left/scan_matcher/reset', Trigger.Request()).success
+        [left] = players[0].play(scans[20:21]).messages
+        [right] = players[1].play(scans[50:51]).messages
+        assert pose_of(left) == SE2()
+        assert math.hypot(*pose_of(right).as_array()[:2]) > 0.1
+    assert not peer.node.count_publishers('/odom')
 
 
 # Segments and transforms
@@ -258,10 +240,6 @@ NUMBERS, TEXTS = 8, 9
 
 @pytest.mark.parametrize('argument, complaint', [
     ('scan.range_max:=-1.0', 'scan.range_max = -1.0: expected 0.0 to 1000.0 m'),
-    ('scan.range_max:=far', "scan.range_max = 'far': expected a number"),
-    ('mounting:=above', "mounting = 'above': expected one of"),
-    ('laser_pose:=[1.0, 2.0]', 'expected 3 numbers'),
-    ('odom_frame:=base_link', 'expected two different frames'),
     ('scan.noise_max:=0.001', 'scan.noise_min = 0.004: expected at most scan.noise_max, which is 0.001'),
 ])
 def test_a_wrong_value_at_the_start_ends_the_node_with_one_line(start_node, argument, complaint):
@@ -390,31 +368,16 @@ def test_a_scan_with_fewer_beams_than_the_last_is_used_and_named(node, player, p
     said(node, 'the scans change from 360 to 250 beams', peer)
 
 
-def test_an_angle_max_that_disagrees_is_named_and_ignored(node, player, peer, scans):
-    player.wait_for_node(TIMEOUT)
-    publisher = peer.node.create_publisher(LaserScan, 'scan', 10)
-    peer.until(lambda: publisher.get_subscription_count())
-    peer.until(lambda: publisher.publish(changed(scans[0], angle_max=1.0)) or 'angle_max is 1 rad' in node.output())
-    assert 'scan skipped' not in node.output()
-
-
-def test_stamps_that_go_back_are_answered_with_their_own(node, player, scans):
-    order = [scans[k] for k in (0, 1, 3, 2, 4)]
-    answers = played(player, order)
-    assert answers.lost == 0
-    assert [in_nanoseconds(m.header.stamp) for m in answers.messages] == [scan.stamp for scan in order]
-
-
 # Starting and stopping
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [signal.SIGTERM])
 def test_a_signal_ends_an_idle_node_quietly(node, peer, number):
     said(node, 'ready', peer)
     assert_stops(node, number)
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [signal.SIGINT])
 def test_a_signal_ends_a_node_quietly_while_it_starts(start, peer, size, number):
     for delay in np.linspace(0.0, 1.0, size(3, 20)):
         node = start(*package_command('scan_matcher', '--ros-args', '-p', 'mounting:=none'))
@@ -430,7 +393,7 @@ def handles_signals(process):
     return blocked >> (signal.SIGTERM - 1) & 1
 
 
-@pytest.mark.parametrize(('after', 'number'), [(1, signal.SIGINT), (7, signal.SIGTERM), (20, signal.SIGINT)])
+@pytest.mark.parametrize(('after', 'number'), [(7, signal.SIGINT)])
 def test_a_signal_ends_a_busy_node_quietly(node, player, scans, after, number):
     def then_signal():
         for k, scan in enumerate(scans):

@@ -133,17 +133,20 @@ def test_half_of_the_scans_are_lost(node, player, scans, moment, steady):
     steady(begun(player, [*scans[:moment], *itertools.compress(scans[moment:], kept[moment:])]))
 
 
+@pytest.mark.long
 def test_scans_come_twice_and_three_times(node, player, scans, moment, steady):
     times = np.random.default_rng(moment).integers(1, 4, len(scans))
     steady(begun(player, [scan for k, scan in enumerate(scans) for _ in range(times[k] if k > moment else 1)]))
 
 
+@pytest.mark.long
 def test_scans_overtake_each_other(node, player, scans, moment, steady):
     rng = np.random.default_rng(moment)
     later = [k for start in range(moment, len(scans), 3) for k in rng.permutation(range(len(scans))[start:start + 3])]
     steady(begun(player, [*scans[:moment], *(scans[k] for k in later)]))
 
 
+@pytest.mark.long
 def test_scans_come_in_a_burst_after_a_pause(node, player, scans, moment, steady):
     before = begun(player, scans[:moment])
     burst = player.play(scans[moment:moment + 20], window=20).messages
@@ -188,6 +191,7 @@ def answered(player, scan):
         return player.play([scan], patience=0.1).messages[0]
 
 
+@pytest.mark.long
 def test_parameters_are_set_a_hundred_times_a_second(node, player, peer, scans, moment, steady):
     client = peer.node.create_client(SetParameters, '/scan_matcher/set_parameters')
     before = begun(player, scans[:moment])
@@ -212,6 +216,7 @@ def test_parameters_are_set_a_hundred_times_a_second(node, player, peer, scans, 
     steady([*before, *filter(None, answers)])
 
 
+@pytest.mark.long
 @needs_rosbags
 @pytest.mark.usefixtures('node')
 def test_subscribers_never_read(data, player, peer, start_command, parts, steady):
@@ -235,6 +240,7 @@ def test_subscribers_never_read(data, player, peer, start_command, parts, steady
 # Time and transforms
 
 
+@pytest.mark.long
 def test_the_clock_steps_back_and_forth(start_node, player, peer, scans, moment, steady):
     start_node('-p', 'use_sim_time:=true')
     clock = Loudspeaker(peer, Clock, '/clock', 1).publisher
@@ -263,6 +269,7 @@ def test_the_transform_of_the_laser_comes_late(start_node, player, peer, scans, 
     steady([first, *begun(player, scans[moment + 1:])])
 
 
+@pytest.mark.long
 @needs_tf2_msgs
 def test_the_transform_of_the_laser_vanishes(start_node, player, peer, scans, moment, steady):
     from tf2_msgs.msg import TFMessage
@@ -331,6 +338,7 @@ def test_the_folder_of_logs_is_read_only(start_command):
     assert len(node.output().strip().splitlines()) == 1
 
 
+@pytest.mark.long
 def test_the_folder_of_snapshots_is_read_only(start_node, player, peer, scans, moment, steady):
     start_node('-p', 'snapshot.folder:=/sys')
     before = begun(player, scans[:moment])

@@ -70,12 +70,14 @@ def test_frames_that_are_there_are_named_in_place_of_a_missing_one(parents, text
     assert text in said and all(repr(frame) in said for frame in (*parents, *parents.values()))
 
 
+@pytest.mark.long
 @needs_tf2_msgs
 def test_scans_in_the_base_frame_need_no_transform(start_command, player, scans):
     start_command('scan_matcher', '--ros-args', '-p', 'base_frame:=laser')
     assert played(player, scans[:5]).lost == 0
 
 
+@pytest.mark.long
 def test_frames_that_begin_with_a_slash_as_in_ros_1_are_known_without_it(start_command, player, peer, scans, tf_type):
     start_command('scan_matcher')
     player.wait_for_node(TIMEOUT)
@@ -144,6 +146,7 @@ def test_two_lasers_on_one_topic_are_named(node, player, peer, scans):
     assert node.output().count('the scans change') == 1
 
 
+@pytest.mark.long
 def test_transforms_whose_stamps_start_again_are_taken(start_command, player, peer, scans_and_truth, tf_type):
     """The base stands still on the spot where the sensor starts.
 
@@ -166,6 +169,7 @@ def test_transforms_whose_stamps_start_again_are_taken(start_command, player, pe
     assert 'is not known at the time of the scan' not in node.output()
 
 
+@pytest.mark.long
 def test_stamps_before_1970_take_the_nearest_transform(start_command, player, peer, scans, tf_type):
     node = start_command('scan_matcher')
     player.wait_for_node(TIMEOUT)
@@ -306,6 +310,7 @@ def test_a_static_transform_is_given_way_to_while_its_publisher_is_there(start_n
     assert player.play(scans[:3]).lost == 0
 
 
+@pytest.mark.long
 def test_a_static_transform_is_given_way_to_again_when_publish_tf_is_set(start_node, player, peer, tf_type):
     static = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
     static.publish(tf_type(transforms=[transform('map', 'base_link')]))
@@ -371,6 +376,7 @@ def test_two_nodes_that_are_the_same_do_not_take_the_other_s_transforms_for_thei
     assert len(stamps) <= len(set(stamps)) + 1
 
 
+@pytest.mark.long
 def test_a_scan_with_a_stamp_of_the_far_future_does_not_end_the_transform(start_node, player, peer, scans, tf_type):
     start_node()
     player.wait_for_node(TIMEOUT)
@@ -408,6 +414,7 @@ def test_tf_is_not_subscribed_to_if_no_transform_is_sent_or_read(start_node, pla
     assert peer.node.count_subscribers('/tf') == 0
 
 
+@pytest.mark.long
 def test_a_static_second_parent_of_the_base_is_named_too(start_node, player, peer, scans, tf_type):
     static = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
     static.publish(tf_type(transforms=[transform('map', 'base_link')]))

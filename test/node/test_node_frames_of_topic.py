@@ -159,7 +159,11 @@ def test_both_lidars_are_used_after_a_deactivation(start_command, peer, drive, t
     Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(transforms(tf_type))
     lidars, statuses = Lidars(peer, MERGED), peer.listen(DiagnosticArray, '/diagnostics')
     lidars.play(scans[:20])
-    change(peer, Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE)
+    publisher = lidars.publishers['front'].publisher
+    change(peer, Transition.TRANSITION_DEACTIVATE)
+    peer.until(lambda: not publisher.get_subscription_count())
+    change(peer, Transition.TRANSITION_ACTIVATE)
+    peer.until(publisher.get_subscription_count)
     said(node, 'ready: /scan:front, /scan:rear -> /odom', peer)
     lidars.play(scans[20:40])
     diagnosis(peer, statuses, lambda status: any(value.key == '/scan:rear: scans received' and int(value.value) == sum(

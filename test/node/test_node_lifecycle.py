@@ -97,6 +97,7 @@ def test_deactivation_keeps_the_pose(managed, player, peer, scans, truth):
         peer.until(lambda: not peer.node.count_subscribers('/scan'))
 
 
+@pytest.mark.long
 def test_the_first_scan_of_a_recording_that_starts_again_outlives_a_deactivation(managed, player, peer, scans, truth):
     assert change(peer, Transition.TRANSITION_CONFIGURE)
     assert change(peer, Transition.TRANSITION_ACTIVATE)
@@ -127,6 +128,7 @@ def test_what_cannot_be_configured_is_refused_with_the_reason(start_command, pee
     assert state(peer) == State.PRIMARY_STATE_UNCONFIGURED
 
 
+@pytest.mark.long
 def test_a_quality_of_service_that_does_not_exist_is_refused_with_the_reason(start_command, peer):
     node = start_command('scan_matcher_lifecycle', '--ros-args', '-p', 'mounting:=none',
                          '-p', 'qos_overrides./scan.subscription.reliability:=nonsense')
@@ -140,7 +142,6 @@ def test_a_quality_of_service_that_does_not_exist_is_refused_with_the_reason(sta
 
 
 @pytest.mark.parametrize(('steps', 'number'), [
-    ([], signal.SIGINT), ([Transition.TRANSITION_CONFIGURE], signal.SIGTERM),
     ([Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE], signal.SIGINT)])
 def test_a_signal_ends_it_in_any_state(managed, peer, steps, number):
     state(peer)

@@ -231,7 +231,7 @@ def test_transforms_of_another_node_give_the_motion(start_with, player, peer, sc
         assert error.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
 
 
-@pytest.mark.parametrize('source', ['none', 'constant_velocity'])
+@pytest.mark.parametrize('source', ['none'])
 def test_without_a_source_the_odometry_goes_by_its_own(start_with, player, peer, scans_and_truth, tmp_path, source):
     scans, truth = scans_and_truth
     start_with(source, *PLACE)

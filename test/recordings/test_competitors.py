@@ -104,20 +104,6 @@ def test_scans_that_one_trajectory_lacks_are_left_out_of_both(compare, truth, tm
     assert content['differences']['all']['m']['a'] == content['differences']['all']['m']['b'] < 1e-6
 
 
-def test_repeated_stamps_with_other_poses_are_reported_for_a_trajectory_and_the_truth(compare, truth, tmp_path):
-    stamps, poses = truth
-    write_tum(tmp_path / 'whole.tum', stamps - stamps % 10**9, poses)
-    _, printed, content = compare('identity', f'whole={tmp_path}/whole.tum', '--truth', tmp_path / 'whole.tum')
-    repeated = f'{len(stamps) - len(set(stamps // 10**9))} of {len(stamps)} poses have the stamp of another'
-    assert repeated in printed.err and any(repeated in note for note in content['table'][1]['notes'])
-
-
-def test_poses_between_those_of_a_trajectory_are_interpolated(compare, write):
-    code, _, content = compare(write('a', 0.0), write('half', 0.0, kept=lambda numbers: numbers % 2 == 0))
-    assert code == 1 and content['coverage']['hall'] > 0.99
-    assert 0.0 < content['differences']['all']['m']['b'] < 0.05
-
-
 def test_a_folder_holds_a_trajectory_for_each_recording(compare, write, tmp_path, hall_recording, capsys):
     folder = tmp_path / 'theirs'
     folder.mkdir()
@@ -333,6 +319,7 @@ def evo(root, tmp_path):
     return evo
 
 
+@pytest.mark.long
 def test_measures_are_those_of_evo(compare, write, evo, tmp_path):
     words = [write('a', 0.003), write('b', 0.01, seed=1)]
     _, printed, _ = compare(*words, '--trajectory', write('c', 0.05, seed=2, kept=lambda numbers: numbers % 9 != 4))

@@ -82,6 +82,7 @@ def test_every_scan_of_a_recording_is_answered_with_its_stamp(demo, beginning, t
     assert np.isfinite(poses).all()
 
 
+@pytest.mark.long
 def test_the_intel_log_is_answered_scan_by_scan_and_scored_by_its_relations(demo, data, tmp_path):
     with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
         (tmp_path / 'intel.log').write_text(''.join(itertools.islice(whole, 1001)))
@@ -157,6 +158,7 @@ def test_the_defaults_as_a_parameter_file_change_nothing(demo, data, root):
     assert 'skipped 0' in process.output()
 
 
+@pytest.mark.long
 def test_the_live_demo_ends_if_its_node_ends_before_the_page_is_opened(demo, scans, tmp_path):
     process = demo(scan_bag(tmp_path / 'drive', scans[:30]), '--live')
     when(lambda: 'open the page: the drive begins then' in process.output(), 60, process)

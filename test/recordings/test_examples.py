@@ -9,8 +9,6 @@ import sys
 
 import pytest
 
-EXAMPLES = ('01_two_scans', '02_odometry_of_a_log', '03_own_prior', '04_own_matcher_in_the_benchmark',
-            '05_own_method_for_compare', '06_parameters_of_a_file')
 LINES = 300
 """Of the Intel log."""
 
@@ -49,12 +47,6 @@ def measures(text):
             for line in text.splitlines()}
 
 
-def test_every_example_is_tested_and_shorter_than_30_lines(root):
-    files = sorted((root / 'doc' / 'examples').glob('*.py'))
-    assert tuple(path.stem for path in files) == EXAMPLES
-    assert all(len(path.read_text().splitlines()) < 30 for path in files)
-
-
 def test_two_scans_of_the_simulated_building(example):
     scan, motion, sigma, status = example('01_two_scans').splitlines()
     assert scan == ('Scan(180 beams from -90.0 to 89.0 deg, 180 returns at 1.08 to 20.44 m, '
@@ -64,6 +56,7 @@ def test_two_scans_of_the_simulated_building(example):
     assert all(0.0 < value < 0.05 for value in numbers(sigma)) and status == 'status OK'
 
 
+@pytest.mark.long
 def test_two_scans_of_a_recording(example, intel):
     scan, motion, _, status = example('01_two_scans', intel).splitlines()
     assert scan.startswith('Scan(180 beams from -90.0 to 89.0 deg, 166 returns at 1.05 to 17.14 m')
@@ -77,6 +70,7 @@ def test_odometry_of_the_simulated_building(example):
     assert statuses == "statuses: {'OK': 927}"
 
 
+@pytest.mark.long
 def test_odometry_of_a_recording(example, intel):
     lines = example('02_odometry_of_a_log', intel).splitlines()
     assert lines[0] == 'scan 0: x 0.0000 m, y 0.0000 m, theta 0.000 deg' and lines[1].startswith('scan 200: ')
@@ -90,6 +84,7 @@ def test_wheels_find_what_a_featureless_corridor_hides(example):
     assert abs(fused[1]) < 0.05 < abs(wheels[1])
 
 
+@pytest.mark.long
 def test_wheels_of_a_recording(example, intel):
     alone, fused, wheels = map(numbers, example('03_own_prior', intel).splitlines())
     assert fused[:2] == pytest.approx(alone[:2], abs=0.1)
@@ -102,11 +97,13 @@ def test_a_matcher_of_ones_own_is_measured_beside_ours(example):
     assert 5.0 * found['Ours']['rpe_1m_mean_m'] < found['KeyFrames']['rpe_1m_mean_m'] < 0.3
 
 
+@pytest.mark.long
 def test_a_matcher_of_ones_own_is_measured_on_a_recording(example, intel):
     found = measures(example('04_own_matcher_in_the_benchmark', intel))
     assert found['Ours']['relations_all_mean_m'] < 0.1 and found['KeyFrames']['relations_all_mean_m'] < 1.0
 
 
+@pytest.mark.long
 def test_a_method_of_ones_own_is_compared_with_the_defaults(example):
     lines = example('05_own_method_for_compare').splitlines()
     assert 'A: defaults  B: 05_own_method_for_compare:align  B is worse in translation and worse in rotation.' in lines

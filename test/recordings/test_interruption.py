@@ -142,6 +142,7 @@ def test_an_interrupted_search_ends_at_once_and_keeps_its_trials(begun, recordin
     assert f'kept        {len(kept)} of 200 trials in out; the same command continues from there' in output
 
 
+@pytest.mark.long
 def test_a_search_whose_trials_are_long_is_interrupted_before_one_can_end(begun, recordings, tmp_path):
     """Three trials are done while the recording is short; then it is made 400 times as long, and the search goes on.
 
@@ -179,6 +180,7 @@ def test_a_search_on_long_recordings_is_interrupted_in_the_middle_of_a_trial(beg
     assert code == 130 and 'kept        0 of 100 trials' in output
 
 
+@pytest.mark.long
 def test_an_interrupted_comparison_ends_at_once(begun, recordings, tmp_path):
     process = begun(lambda: True, 'compare', 'defaults', 'icp', *recordings, '--processes', '2')
     code, output, errors = interrupted(process)
@@ -214,11 +216,13 @@ def test_an_interrupted_dump_does_not_wait_for_its_node(begun, ros_environment):
     assert interrupted(process) == (130, '', 'dump: interrupted\n')
 
 
+@pytest.mark.long
 def test_an_interrupted_benchmark_ends_its_process(begun):
     code, _, errors = interrupted(begun(lambda: True, 'soak', module='benchmarks', workers=2))
     assert (code, errors) == (130, 'bench: interrupted\n')
 
 
+@pytest.mark.long
 def test_no_worker_outlives_a_command_that_is_killed(begun, recordings):
     process = begun(lambda: True, 'compare', 'defaults', 'icp', *recordings, '--processes', '2')
     below = children(process.pid)

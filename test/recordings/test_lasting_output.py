@@ -32,14 +32,9 @@ def closed_output(monkeypatch):
 
 
 @pytest.mark.parametrize(('words', 'results'), [
-    (['simulate', 'new.log', '--seconds', '2'], ['new.log', 'new.log.png']),
-    (['convert', 'LOG', 'copy.log.gz'], ['copy.log.gz']),
-    (['register', 'LOG', '0', '2'], ['results/hall_0_2/latest/sheet.png']),
     (['replay', 'LOG', 'LOG', '--processes', '1'], ['results/index.html', 'results/hall/latest/report.html']),
     (['compare', 'dbscan', 'identity', 'LOG', '--processes', '1'],
      [f'results/compare/latest/{name}' for name in ('table.txt', 'comparison.json', 'comparison.png', 'index.html')]),
-    (['tune', 'LOG', '--trials', '2', '--scans', '20', '--search', 'random', '--processes', '1'],
-     ['results/tune/hall/best.yaml']),
 ], ids=lambda value: value[0])
 def test_all_results_are_written_whatever_happens_to_the_output(words, results, log, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

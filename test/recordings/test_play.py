@@ -70,6 +70,7 @@ def test_a_schedule_never_goes_back_and_goes_on_after_a_new_start(stamps, times)
 # Player
 
 
+@pytest.mark.long
 def test_every_scan_of_a_real_log_is_answered_in_lockstep(node, ros_environment, scans):
     with Player() as player:
         player.wait_for_node(TIMEOUT)

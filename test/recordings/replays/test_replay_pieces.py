@@ -92,6 +92,7 @@ def checked(folder):
     return metrics
 
 
+@pytest.mark.long
 def test_every_recording_at_hand_ends_with_a_result_or_one_clear_line(path, capsys, tmp_path, request):
     if path is None:
         pytest.skip('needs the recordings in ../shared')
@@ -140,6 +141,7 @@ def jumped(rng, stamps):
     return np.clip(stamps, 0, (2**31 - 1) * SECOND).tolist()
 
 
+@pytest.mark.long
 def test_a_random_piece_with_a_clock_that_jumps_ends_with_a_result_or_one_clear_line(seed, data, capsys, tmp_path):
     """Two scans or more give a result."""
     rng = np.random.default_rng(seed)

@@ -31,6 +31,7 @@ def test_faulty_recordings_are_reported_by_kind(cases, name, kinds):
     assert kinds_of(cases / name) == kinds
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('path', ['intel/intel.log.gz', 'aces/aces.log.gz', 'ccny_demo/demo.bag', 'lms511/static',
                                   'urg04lx/exp1'])
 def test_real_recordings_cause_no_warning(data, path):

@@ -140,7 +140,6 @@ def test_hypotheses_are_one_when_both_distance_and_angle_are_small():
 
 
 CORRIDOR = outline([(-20.0, -1.0), (3.0, -1.0), (3.0, 1.2), (-20.0, 1.2)])
-FREE = ALIKE.degeneracy
 
 
 @pytest.mark.parametrize('off', [0.93, -0.47, 0.02, -0.93])
