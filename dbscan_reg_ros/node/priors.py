@@ -127,7 +127,7 @@ class Priors:
             return (f'{begin}no node publishes on {name}; the odometry continues without it. Start its driver, or '
                     'remap the topic to that of your robot (-r)')
         return (f'{begin}{name} has no data at the time of the scan; using the constant-velocity prediction. If the '
-                'data come later than the scan, raise input.max_wait above their period')
+                'data come later than the scan, raise advanced.input.max_wait above their period')
 
     def processed(self, stamp: int, mounting: Mounting) -> None:
         """Store mounting and stamp [ns] of a processed scan: the next prior is the motion since this scan."""

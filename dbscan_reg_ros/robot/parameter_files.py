@@ -39,8 +39,9 @@ the lines of the parameters that you change."""
 REFERENCE_HEAD = """\
 # Parameters
 
-This page lists all parameters of `scan_matcher` with their defaults. The parameters of the node and the basic ones of
-the method come first; they depend on the sensor and the robot. The advanced ones are seldom changed. Every command that
+This page lists all parameters of `scan_matcher` with their defaults. The basic ones come first; they depend on the
+sensor and the robot. The advanced ones are seldom changed: each names what needs it, a course of
+`scripts/bench odometry`, a sensor, a robot or a [symptom](tuning.md#from-symptom-to-parameter). Every command that
 takes `--params-file` accepts the same parameters of the method. In Python they are attributes of `Parameters`, without
 the prefix `advanced.`. [method.md](method.md) describes the steps of the method that use the parameters.
 [node.md](node.md) describes how to set them.
@@ -107,9 +108,11 @@ def format_reference() -> str:
     """Format the parameter reference as Markdown: one table for each group, the node's own parameters first."""
     lines = [REFERENCE_HEAD]
     for group, descriptions in itertools.groupby(_ordered(DEFAULTS), key=lambda d: d.name.rpartition('.')[0]):
+        case = group.startswith(ADVANCED)
         lines += [f'## `{group}`' if group else '## The node', '', _about(group), '',
-                  '| name | default | values | meaning |', '|---|---|---|---|']
-        lines += [f'| `{d.name}` | `{_scalar(d.default)}` | {describe_limits(d)} | {d.help} |' for d in descriptions]
+                  '| name | default | values | meaning |' + ' needed by |' * case, '|---|---|---|---|' + '---|' * case]
+        lines += [f'| `{d.name}` | `{_scalar(d.default)}` | {describe_limits(d)} | {d.help} |' + f' {d.case} |' * case
+                  for d in descriptions]
         lines.append('')
     return '\n'.join(lines[:-1]) + '\n'
 

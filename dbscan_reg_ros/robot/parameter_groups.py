@@ -18,25 +18,22 @@ LASER_SCAN, POINT_CLOUD = 'sensor_msgs/LaserScan', 'sensor_msgs/PointCloud2'
 class InputParameters(ParameterGroup):
     """Selection of the scans that are processed, and of the beams that are used."""
 
-    BASIC = ('every_nth', 'queue_size', 'max_wait', 'reorder', 'mask', 'mask_range', 'time_offset', 'type',
-             'height_min', 'height_max', 'bearing_step')
-
     every_nth: int = parameter(
         1, unit='scans', bounds=(1, 1000),
         help='Only every n-th scan is used, where n is this value. Larger values save computing time and lengthen the '
              'motion between the scans used; 1 uses every scan.')
     queue_size: int = parameter(
-        3, unit='scans', bounds=(1, 50),
+        3, unit='scans', bounds=(1, 50), case='symptom: scans are dropped because processing is too slow',
         help='Number of scans that may wait when processing falls behind the lidar; if more wait, the oldest are '
              'dropped. Scans that arrive in a burst all wait, at most 100. Larger values drop fewer scans when the '
              'computer is busy and delay the pose; smaller values keep the delay short.')
     max_wait: float = parameter(
-        0.05, unit='s', bounds=(0.0, 10.0),
+        0.05, unit='s', bounds=(0.0, 10.0), case='external prior with a long period',
         help='Longest time that a scan waits until the transform of a moving sensor, or the external prior, is known '
              'at the stamp of the scan. It should exceed the period of the source of these data. Larger values '
              'tolerate slower sources and delay the pose; 0 never waits.')
     reorder: float = parameter(
-        0.02, unit='s', bounds=(0.0, 1.0),
+        0.02, unit='s', bounds=(0.0, 1.0), case='several lidars, one of which is slower',
         help='With several lidars, longest time that a scan waits for an older scan of another lidar that is due, so '
              'that scans are used in the order of their stamps. Larger values tolerate slower lidars and delay the '
              'pose; 0 never waits. A scan that arrives even later updates the map, but not the published pose.')
@@ -55,7 +52,7 @@ class InputParameters(ParameterGroup):
              'stamps its scans too late needs a negative value. One number applies to every lidar; with several '
              'lidars there may be one for each, in the order of scan_topics.')
     type: str = parameter(
-        'auto', choices=('auto', LASER_SCAN, POINT_CLOUD), read_only=True,
+        'auto', bounds=('auto', LASER_SCAN, POINT_CLOUD), read_only=True,
         help='Type of the messages of the lidar; with auto it is the type that is published on the topic. From a '
              'sensor_msgs/PointCloud2 message the points with heights between input.height_min and input.height_max '
              'are used.')
@@ -94,10 +91,8 @@ def _of_lidar(values: tuple[float, ...], number: int, size: int) -> tuple[float,
 class NodePriorParameters(PriorParameters):
     """Source of the predicted motion between scans, and standard deviations of external priors."""
 
-    BASIC = *PriorParameters.BASIC, 'source', 'frame', 'translation', 'rotation'
-
     source: str = parameter(
-        'constant_velocity', choices=SOURCES, read_only=True,
+        'constant_velocity', bounds=SOURCES, read_only=True,
         help='Source of the predicted motion between scans. Without an external prior: none, or constant_velocity (the '
              'motion model that advanced.odometry.prior selects). External priors: odometry (topic wheel_odom), imu '
              '(yaw rate on the topic imu, translation from the motion model) or tf (pose of the base in the frame '
@@ -110,12 +105,12 @@ class NodePriorParameters(PriorParameters):
         help='Standard deviation of the translation of wheel odometry, as a fraction of the distance. Larger values '
              'trust the wheels less; smaller values trust them more.')
     translation_by_rotation: float = parameter(
-        0.1, unit='m/rad', bounds=(0.0, 10.0),
+        0.1, unit='m/rad', bounds=(0.0, 10.0), case='wheels that slip in turns',
         help='Standard deviation of the translation of wheel odometry for each radian of rotation. The largest of the '
              'standard deviations from this parameter, prior.translation and advanced.prior.translation_min is used. '
              'Larger values trust the wheels less while the robot rotates; smaller values trust them more.')
     translation_min: float = parameter(
-        0.02, unit='m', bounds=(0.0001, 10.0),
+        0.02, unit='m', bounds=(0.0001, 10.0), case='wheels with coarse ticks',
         help='Lower limit of the standard deviation of the translation of wheel odometry. Larger values trust small '
              'wheel motions less; smaller values trust them more.')
     rotation: float = parameter(
@@ -123,12 +118,12 @@ class NodePriorParameters(PriorParameters):
         help='Standard deviation of the rotation of an external prior, as a fraction of the rotation. Larger values '
              'trust the source less; smaller values trust it more.')
     rotation_by_distance: float = parameter(
-        0.1, unit='rad/m', bounds=(0.0, 10.0),
+        0.1, unit='rad/m', bounds=(0.0, 10.0), case='wheels of different size',
         help='Standard deviation of the rotation of wheel odometry for each metre of distance. The largest of the '
              'standard deviations from this parameter, prior.rotation and advanced.prior.rotation_min is used. Larger '
              'values trust the wheels less while the robot drives; smaller values trust them more.')
     rotation_min: float = parameter(
-        0.03, unit='rad', bounds=(0.0001, 3.2),
+        0.03, unit='rad', bounds=(0.0001, 3.2), case='wheels with coarse ticks',
         help='Lower limit of the standard deviation of the rotation of an external prior. Larger values trust small '
              'rotations less; smaller values trust them more.')
 
@@ -144,15 +139,13 @@ class NodePriorParameters(PriorParameters):
 class PathParameters(ParameterGroup):
     """Spacing and number of the poses on the topic path."""
 
-    BASIC = 'step', 'size'
-
     step: float = parameter(
-        0.1, unit='m', bounds=(0.0, 100.0),
+        0.1, unit='m', bounds=(0.0, 100.0), case='symptom: the path of RViz is too coarse',
         help='A pose is added to the path when the base has moved this far since the last pose of the path. Larger '
              'values give a path with wider spacing that covers a longer distance; smaller values give a path with '
              'narrower spacing.')
     size: int = parameter(
-        2000, bounds=(2, 100000),
+        2000, bounds=(2, 100000), case='symptom: the path of RViz is too short',
         help='Largest number of poses in the path; if there are more, the oldest are dropped. Larger values keep a '
              'longer path and make its messages larger; smaller values save bandwidth.')
 
@@ -161,11 +154,10 @@ class PathParameters(ParameterGroup):
 class SnapshotParameters(ParameterGroup):
     """Contents and folder of the files that the service ~/snapshot writes."""
 
-    BASIC = 'scans', 'folder'
-
     scans: int = parameter(
-        20, unit='scans', bounds=(1, 1000),
+        20, unit='scans', bounds=(1, 1000), case='snapshots of a longer time',
         help='Number of the latest scans that a snapshot contains. Larger values record a longer time and '
              'take more memory; smaller values give smaller files.')
     folder: str = parameter(
-        '~/.ros', read_only=True, help='Folder that snapshots are written to. A leading ~ means the home directory.')
+        '~/.ros', read_only=True, case='robot whose home directory is read-only',
+        help='Folder that snapshots are written to. A leading ~ means the home directory.')

@@ -70,7 +70,7 @@ class NodeParameters(Parameters):
              'the next lidar. Several scan_topics require mounting tf; with sensors, each lidar may have its own '
              'laser_pose.')
     odom_on: str = parameter(
-        'first', choices=('first', 'all'), read_only=True,
+        'first', bounds=('first', 'all'), read_only=True,
         help='With several lidars, the scans for which odometry is published: those of the first lidar, or all, in the '
              'order of their stamps.')
     sensors: tuple[str, ...] = parameter(
@@ -79,7 +79,7 @@ class NodeParameters(Parameters):
              f'NAME/scan), {", ".join(f"NAME.{own}" for own in INHERITED)}. A parameter that is not given is inherited '
              'from the one without the name. A list with one empty text means that the lidars have no names.')
     mounting: str = parameter(
-        'tf', choices=MOUNTINGS, read_only=True,
+        'tf', bounds=MOUNTINGS, read_only=True,
         help='Source of the pose of the laser on the base: tf (the transform from base_frame to the frame of the '
              'scans), laser_pose (the parameter laser_pose) or none (the laser frame is the base frame).')
     laser_pose: tuple[float, ...] = parameter(

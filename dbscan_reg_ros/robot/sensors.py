@@ -72,7 +72,7 @@ def sensor_descriptions(names: Any, plain: Sequence[Description]) -> dict[str, D
     found = {}
     for name in names if is_named(names) else ():
         found[f'{name}.topic'] = Description(f'{name}.topic', str, f'{name}/scan', f'Topic of the scans of {name}.', '',
-                                             None, None, None, True)
+                                             None, None, None, True, '')
         for own, inherited in INHERITED.items():
             text = f'The parameter {inherited} of {name}. If it is not given, the value of {inherited} applies.'
             if own == 'mounting':

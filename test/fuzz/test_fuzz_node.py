@@ -43,7 +43,7 @@ def count(status, name):
 
 
 def test_scans_with_every_field_at_its_worst_are_answered_or_skipped_and_counted(start_node, peer, scans, size):
-    node = start_node('-p', 'input.queue_size:=50')
+    node = start_node('-p', 'advanced.input.queue_size:=50')
     total = size(400, 20_000)
     answers = peer.listen(Odometry, 'odom')
     received = peer.listen(DiagnosticArray, '/diagnostics')

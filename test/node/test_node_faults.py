@@ -273,7 +273,7 @@ def test_the_transform_of_the_laser_comes_late(start_node, player, peer, scans, 
 @needs_tf2_msgs
 def test_the_transform_of_the_laser_vanishes(start_node, player, peer, scans, moment, steady):
     from tf2_msgs.msg import TFMessage
-    node = start_node('-p', 'mounting:=tf', '-p', 'input.max_wait:=0.5')
+    node = start_node('-p', 'mounting:=tf', '-p', 'advanced.input.max_wait:=0.5')
     player.wait_for_node(TIMEOUT)
     Loudspeaker(peer, TFMessage, '/tf').tell(
         TFMessage(transforms=[transform('base_link', 'laser', stamp=s.stamp) for s in scans[:moment]]))
@@ -307,8 +307,8 @@ def snapshot(peer):
 def test_the_disk_is_full_while_a_snapshot_is_written(start, player, peer, parts, steady, full_disk):
     folder, words = full_disk
     node = start(*words, *package_command('scan_matcher', '--ros-args', '-p', 'mounting:=none', '-p',
-                                          'snapshot.scans:=100',
-                                          '-p', f'snapshot.folder:={folder}'))
+                                          'advanced.snapshot.scans:=100',
+                                          '-p', f'advanced.snapshot.folder:={folder}'))
     before = begun(player, parts[0])
     for _ in range(3):
         answer = snapshot(peer)
@@ -340,7 +340,7 @@ def test_the_folder_of_logs_is_read_only(start_command):
 
 @pytest.mark.long
 def test_the_folder_of_snapshots_is_read_only(start_node, player, peer, scans, moment, steady):
-    start_node('-p', 'snapshot.folder:=/sys')
+    start_node('-p', 'advanced.snapshot.folder:=/sys')
     before = begun(player, scans[:moment])
     answer = snapshot(peer)
     assert not answer.success

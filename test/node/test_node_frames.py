@@ -153,7 +153,7 @@ def test_transforms_whose_stamps_start_again_are_taken(start_command, player, pe
     The laser drives away on it, and again from elsewhere.
     """
     scans, truth = scans_and_truth
-    node = start_command('scan_matcher', '--ros-args', '-p', 'publish_tf:=false', '-p', 'input.queue_size:=50')
+    node = start_command('scan_matcher', '--ros-args', '-p', 'publish_tf:=false', '-p', 'advanced.input.queue_size:=50')
     player.wait_for_node(TIMEOUT)
     moving = Loudspeaker(peer, tf_type, '/tf')
     for away in (SE2(), SE2(5.0, -3.0, 2.0)):
@@ -184,7 +184,7 @@ def test_stamps_before_1970_take_the_nearest_transform(start_command, player, pe
 
 
 def test_a_transform_that_comes_late_is_waited_for(start_command, player, peer, scans, truth, tf_type):
-    start_command('scan_matcher', '--ros-args', '-p', 'input.max_wait:=10.0')
+    start_command('scan_matcher', '--ros-args', '-p', 'advanced.input.max_wait:=10.0')
     player.wait_for_node(TIMEOUT)
     moving = Loudspeaker(peer, tf_type, '/tf')
     places = [transform('base_link', 'laser', p, stamp=s.stamp)

@@ -73,7 +73,8 @@ def test_the_odometry_equals_that_of_two_topics(start_command, peer, drive, tf_t
     scans, base_at = drive
     results = []
     for topics, words in ((MERGED, []), (SPLIT, ['-p', 'scan_topics:=[front/scan, rear/scan]'])):
-        node = start_command('scan_matcher', '--ros-args', '-p', 'input.reorder:=1.0', '-p', 'input.queue_size:=50',
+        node = start_command('scan_matcher', '--ros-args', '-p', 'advanced.input.reorder:=1.0', '-p',
+                             'advanced.input.queue_size:=50',
                              *words)
         said(node, 'ready: ', peer)
         Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(transforms(tf_type))

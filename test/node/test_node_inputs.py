@@ -47,7 +47,7 @@ def test_the_robots_own_body_is_masked(start_node, player, peer, scans_and_truth
     scans, truth = scans_and_truth
     place = ['-p', 'mounting:=laser_pose', '-p', 'upside_down:=true', '-p', 'laser_pose:=[0.1, 0.0, 2.0]']
     start_node('-p', 'input.mask:=[0.5, 1.5, 3.0, -3.0, 0.0, 0.0, 0.0, 0.0]', '-p', 'input.mask_range:=0.6',
-               '-p', f'snapshot.folder:={tmp_path}', *(place if upside_down else []))
+               '-p', f'advanced.snapshot.folder:={tmp_path}', *(place if upside_down else []))
     bearings = scans[0].geometry.bearings
     post = (bearings > 0.5) & (bearings < 1.5)
     hidden = [type(s).from_message(changed(s, ranges=array.array('f', np.where(post, 0.4, s.ranges))))

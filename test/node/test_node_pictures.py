@@ -11,7 +11,7 @@ from dbscan_reg_ros.core.scan import in_nanoseconds
 
 
 def test_the_path_is_where_the_base_has_been(start_node, player, peer, scans, truth):
-    start_node('-p', 'path.step:=0.2')
+    start_node('-p', 'advanced.path.step:=0.2')
     path = shown(player, peer, scans[:60], Path, 'path')
     assert path.header.frame_id == 'odom'
     assert {pose.header.frame_id for pose in path.poses} == {'odom'}
@@ -26,7 +26,7 @@ def test_the_path_is_where_the_base_has_been(start_node, player, peer, scans, tr
 
 
 def test_the_path_forgets_its_oldest_poses(start_node, player, peer, scans):
-    start_node('-p', 'path.step:=0.0', '-p', 'path.size:=10')
+    start_node('-p', 'advanced.path.step:=0.0', '-p', 'advanced.path.size:=10')
     path = shown(player, peer, scans[:40], Path, 'path')
     assert len(path.poses) <= 11
     assert in_nanoseconds(path.poses[0].header.stamp) == scans[30].stamp

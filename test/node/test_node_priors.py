@@ -20,7 +20,7 @@ from dbscan_reg_ros.robot.parameters import NodePriorParameters
 LASER = SE2(0.2, 0.1, 0.5)
 """On the base."""
 PLACE = mounted(LASER)
-WAIT = ['-p', 'input.max_wait:=5.0']
+WAIT = ['-p', 'advanced.input.max_wait:=5.0']
 
 
 def along_base(motion):
@@ -66,7 +66,7 @@ def start_with(start_command, tmp_path):
     reliable = [word for topic in ('wheel_odom', 'imu')
                 for word in ('-p', f'qos_overrides./{topic}.subscription.reliability:=reliable')]
     return lambda source, *words: start_command('scan_matcher', '--ros-args', '-p', f'prior.source:={source}', '-p',
-                                                f'snapshot.folder:={tmp_path}', *reliable, *words)
+                                                f'advanced.snapshot.folder:={tmp_path}', *reliable, *words)
 
 
 def play_slowly(player, peer, loudspeaker, scans, messages):

@@ -48,7 +48,7 @@ def test_the_node_warns_about_scans_as_about_their_recording(kind, start_node, p
                                        [('/scan', START + k, bytes(rclpy.serialization.serialize_message(each)))
                                  for k, each in enumerate(messages)]))
     assert list(offline) == [kind]
-    node = start_node('-p', 'input.queue_size:=50')
+    node = start_node('-p', 'advanced.input.queue_size:=50')
     received = peer.listen(DiagnosticArray, '/diagnostics')
     speaker = Loudspeaker(peer, LaserScan, 'scan')
     peer.greet()
@@ -99,7 +99,7 @@ def test_play_and_demo_say_it_once_at_their_end(words, cases, start_node, start_
 
 def test_two_publishers_of_one_lidar_are_named_and_nothing_else_is_accused(start_node, peer, scans):
     """The lidars look in opposite directions, and the clock of one is 0.15 s behind."""
-    node = start_node('-p', 'input.queue_size:=50')
+    node = start_node('-p', 'advanced.input.queue_size:=50')
     received = peer.listen(DiagnosticArray, '/diagnostics')
     with Peer('left') as left, Peer('right') as right:
         speakers = [Loudspeaker(each, LaserScan, 'scan') for each in (left, right)]

@@ -100,7 +100,8 @@ def test_a_pose_that_cannot_be_is_refused_by_name(node, player, peer, scans_and_
 
 
 def test_a_snapshot_holds_the_last_scans_and_registers_them_again(start_node, player, peer, scans, tmp_path):
-    start_node('-p', f'snapshot.folder:={tmp_path}/new', '-p', 'snapshot.scans:=5', '-p', 'scan.range_max:=25.0')
+    start_node('-p', f'advanced.snapshot.folder:={tmp_path}/new', '-p', 'advanced.snapshot.scans:=5', '-p',
+               'scan.range_max:=25.0')
     player.wait_for_node(TIMEOUT)
     assert trigger(peer, 'snapshot').message == 'no scan was processed yet'
     answers = player.play(scans[:12])
@@ -123,11 +124,11 @@ def test_a_snapshot_holds_the_last_scans_and_registers_them_again(start_node, pl
 
 
 def test_a_snapshot_in_the_home_of_an_unknown_user_is_refused_with_the_reason(start_node, player, peer, scans):
-    start_node('-p', 'snapshot.folder:=~nobody_of_this_name/snapshots')
+    start_node('-p', 'advanced.snapshot.folder:=~nobody_of_this_name/snapshots')
     assert played(player, scans[:3]).lost == 0
     answer = trigger(peer, 'snapshot')
     assert not answer.success
-    assert answer.message == "snapshot.folder = '~nobody_of_this_name/snapshots': no such user"
+    assert answer.message == "advanced.snapshot.folder = '~nobody_of_this_name/snapshots': no such user"
     assert player.play(scans[3:5]).lost == 0
 
 

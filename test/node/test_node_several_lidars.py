@@ -60,7 +60,7 @@ def test_odometry_is_due_for_the_first_lidar_that_publishes():
 def test_odometry_is_published_for_the_scans_of_all_lidars_if_asked_for(start_command, peer, drive, tf_type):
     scans, base_at = drive
     node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]', '-p',
-                         'odom_on:=all', '-p', 'input.queue_size:=50')
+                         'odom_on:=all', '-p', 'advanced.input.queue_size:=50')
     said(node, 'ready: /front/scan, /rear/scan -> /odom', peer)
     lidars = {name: Loudspeaker(peer, LaserScan, f'/{name}/scan') for name in ('front', 'rear')}
     Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(
@@ -244,7 +244,7 @@ def test_each_lidar_has_its_own_mask_and_time_offset(start_command, peer, drive,
     """The driver of the rear lidar stamps 60 ms late."""
     scans, late = drive[0][:20], 60 * MS
     node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]',
-                         '-p', 'input.time_offset:=[0.0, -0.06]', '-p', f'snapshot.folder:={tmp_path}',
+                         '-p', 'input.time_offset:=[0.0, -0.06]', '-p', f'advanced.snapshot.folder:={tmp_path}',
                          '-p', f'input.mask:={[0.0] * 8 + [0.5, 1.0] + [0.0] * 6}')
     said(node, 'ready: ', peer)
     Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(
@@ -257,7 +257,8 @@ def test_scans_are_used_in_the_order_of_their_stamps(start_command, peer, drive,
     """Six scans come at once, first those of the rear lidar; all have come before the wait for them ends."""
     scans, _ = drive
     node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]',
-                         '-p', 'input.reorder:=1.0', '-p', 'input.queue_size:=10', '-p', f'snapshot.folder:={tmp_path}')
+                         '-p', 'advanced.input.reorder:=1.0', '-p', 'advanced.input.queue_size:=10', '-p',
+                         f'advanced.snapshot.folder:={tmp_path}')
     said(node, 'ready: ', peer)
     Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(
         transforms=[transform('base_link', name, at) for name, at in (('front', FRONT), ('rear', REAR))]))
@@ -278,7 +279,7 @@ def test_an_older_scan_that_has_arrived_is_used_first_after_a_silence(start_comm
     """The rear lidar, silent for more than three periods, sends a scan while the node is busy."""
     scans, _ = drive
     node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]', '-p',
-                         'odom_on:=all', '-p', 'input.reorder:=1.0', '-p', 'input.queue_size:=50')
+                         'odom_on:=all', '-p', 'advanced.input.reorder:=1.0', '-p', 'advanced.input.queue_size:=50')
     said(node, 'ready: ', peer)
     Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(
         transforms=[transform('base_link', name, at) for name, at in (('front', FRONT), ('rear', REAR))]))
@@ -409,7 +410,7 @@ def test_lidars_with_names_have_parameters_of_their_own(start_command, peer, dri
       time_offset: [-0.06]
       range_max: 4.0
     scan.noise_min: 0.006
-    snapshot.folder: {tmp_path}
+    advanced.snapshot.folder: {tmp_path}
 """)
     node = start_command('scan_matcher', '--ros-args', '--params-file', str(file), '-p', 'front.rang_max:=5.0')
     said(node, 'ready: /front/scan, /rear/scan -> /odom', peer)

@@ -31,7 +31,7 @@ def test_scans_wait_for_their_transforms_and_give_the_pose_of_the_base(start_com
                                                                        scans_and_truth, tf_type, inside):
     """The base stands still on the spot where the sensor starts; the laser drives away on it."""
     scans, truth = scans_and_truth
-    node = start_command('scan_matcher', '--ros-args', '-p', 'input.max_wait:=10.0', **inside)
+    node = start_command('scan_matcher', '--ros-args', '-p', 'advanced.input.max_wait:=10.0', **inside)
     player.wait_for_node(TIMEOUT)
     moving = Loudspeaker(peer, tf_type, '/tf')
     places = [transform('base_link', 'laser', p, stamp=s.stamp) for s, p in zip(scans[:40], truth, strict=False)]

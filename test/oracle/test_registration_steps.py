@@ -81,7 +81,8 @@ def test_hypotheses_are_the_weighted_means_of_the_clusters_of_scikit_learn(rng, 
     ours, theirs = segments(rng, 12, parallel), segments(rng, 9, parallel)
     weights = pair_weights(ours, theirs, P.rotation)
     found = estimate_rotations(ours, theirs, weights, P.replace({
-        'rotation.min_samples': min_samples, 'rotation.eps': 0.02, 'advanced.rotation.max_hypotheses': 100,
+        'advanced.rotation.min_samples': min_samples, 'advanced.rotation.eps': 0.02,
+        'advanced.rotation.max_hypotheses': 100,
         'advanced.rotation.max_width': 0.0}).rotation)
     apart = np.abs(wrap(found.difference.ravel()[:, None] - found.difference.ravel()))
     expected = DBSCAN(eps=0.02, min_samples=min_samples, metric='precomputed').fit_predict(apart)
@@ -96,7 +97,7 @@ def test_hypotheses_are_the_weighted_means_of_the_clusters_of_scikit_learn(rng, 
 
 
 def check_translations(ours, theirs, rotations, weights, min_samples):
-    p = P.replace({'translation.min_samples': min_samples, 'advanced.translation.max_width': 0.0}).translation
+    p = P.replace({'advanced.translation.min_samples': min_samples, 'advanced.translation.max_width': 0.0}).translation
     found = estimate_translations(ours, theirs, rotations, weights, p)
     assert len(found.labels) == len(found.samples) == len(found.sample_weight)
     for rotation in np.unique(found.rotation):

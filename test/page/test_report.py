@@ -93,10 +93,10 @@ def test_where_nothing_moves_all_is_shown_over_the_scans(show, simulation, tmp_p
 
 
 def test_changed_parameters_stand_out(show, page):
-    browser = show(page(parameters=Parameters().replace({'rotation.eps': 0.02})))
+    browser = show(page(parameters=Parameters().replace({'advanced.rotation.eps': 0.02})))
     assert text(browser, 'changes') == '1 not at the default, in bold.'
     assert browser.value('document.querySelector("#parameters .changed").textContent').startswith(
-        'rotation.eps0.02 raddefault 0.0')
+        'advanced.rotation.eps0.02 raddefault 0.0')
     assert browser.value('document.querySelectorAll("#parameters tr").length') == len(Parameters.describe())
 
 

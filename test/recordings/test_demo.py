@@ -108,10 +108,10 @@ def test_a_signal_ends_the_demo_and_its_node(demo, tmp_path, number, moment):
 
 
 def test_a_wrong_parameter_file_is_refused_before_anything_starts(demo, tmp_path):
-    (tmp_path / 'wrong.yaml').write_text('scan_matcher:\n  ros__parameters:\n    rotation.eps: -1.0\n')
+    (tmp_path / 'wrong.yaml').write_text('scan_matcher:\n  ros__parameters:\n    advanced.rotation.eps: -1.0\n')
     process = demo('--params-file', tmp_path / 'wrong.yaml')
     assert process.wait(15.0) == 2
-    assert re.fullmatch(r'demo: .*wrong\.yaml: rotation\.eps = -1\.0: expected .*', process.output().splitlines()[-1])
+    assert re.fullmatch(r'demo: .*wrong\.yaml: advanced\.rotation\.eps = -1\.0: expected .*', process.output().splitlines()[-1])
 
 
 def test_the_simulated_building_has_one_lidar(demo, tmp_path):
@@ -169,7 +169,7 @@ def test_the_live_demo_ends_if_its_node_ends_before_the_page_is_opened(demo, sca
 
 
 def test_the_live_demo_begins_when_a_browser_shows_its_page(demo, scans, tmp_path):
-    (tmp_path / 'patient.yaml').write_text('/**: {ros__parameters: {input.queue_size: 30}}')
+    (tmp_path / 'patient.yaml').write_text('/**: {ros__parameters: {advanced.input.queue_size: 30}}')
     process = demo(scan_bag(tmp_path / 'drive', scans[:30]), '--live', '--params-file', str(tmp_path / 'patient.yaml'))
     port = int(when(lambda: re.search(r'page +http://127\.0\.0\.1:(\d+)/', process.output()), 60, process)[1])
     when(lambda: 'open the page: the drive begins then' in process.output(), 60, process)

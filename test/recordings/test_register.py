@@ -136,7 +136,7 @@ def test_a_parameter_of_the_paper_leads_to_its_method(intel, tmp_path, capsys):
     assert intel(REFERENCE, CURRENT, '--params-file', tmp_path / 'old.yaml') == 2
     error = capsys.readouterr().err
     assert 'advanced.rotation.directed' in error and '--method paper' in error and error.count('\n') == 1
-    (tmp_path / 'own.yaml').write_text('/**: {ros__parameters: {rotation: {eps: 0.02}}}')
+    (tmp_path / 'own.yaml').write_text('/**: {ros__parameters: {advanced: {rotation: {eps: 0.02}}}}')
     assert intel(REFERENCE, CURRENT, '--method', 'paper', '--params-file', tmp_path / 'own.yaml') == 2
     assert 'expected no parameters' in capsys.readouterr().err
 

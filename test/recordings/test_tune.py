@@ -72,13 +72,14 @@ def test_an_axis_spans_a_fifth_to_five_times_the_default_or_what_is_given(text, 
 
 
 @pytest.mark.parametrize(('text', 'says'), [
-    ('refinement.mapscale', "did you mean 'advanced.refinement.map_scale'"), ('rotation.eps', 'rotation.eps=LOW:HIGH'),
+    ('refinement.mapscale', "did you mean 'advanced.refinement.map_scale'"),
+    ('advanced.rotation.eps', 'advanced.rotation.eps=LOW:HIGH'),
     ('advanced.refinement.map_scale=1', 'expected NAME=LOW:HIGH'),
                                             ('advanced.refinement.map_scale=2:1', 'lower bound below'),
     ('advanced.refinement.map_scale=0.1:99', 'advanced.refinement.map_scale = 99'),
                                             ('odometry.deskew=0:1', 'has no range'),
     ('laser_pose', 'cannot be searched'), ('mounting', 'cannot be searched'),
-                                            ('segments.min_points=2.2:2.8', 'lower bound below'),
+                                            ('advanced.segments.min_points=2.2:2.8', 'lower bound below'),
 ])
 def test_what_cannot_be_searched_is_refused(text, says):
     with pytest.raises(ParameterError, match=re.escape(says)):
@@ -245,11 +246,11 @@ def test_the_way_back_agrees_also_where_a_scan_takes_its_time(tmp_path):
 
 def test_what_does_not_count_in_a_search_is_named(recordings, tmp_path, capsys):
     file = tmp_path / 'robot.yaml'
-    file.write_text('/**: {ros__parameters: {mounting: laser_pose, publish_tf: false, path.step: 0.2, '
+    file.write_text('/**: {ros__parameters: {mounting: laser_pose, publish_tf: false, advanced.path.step: 0.2, '
                     'advanced.odometry.zero_velocity_gate: 4.0}}')
     assert main([str(recordings / 'a'), '--params-file', str(file), '--parameters', 'mounting']) == 2
     assert capsys.readouterr().err.startswith(
-        f'tune: {file}: these parameters have no effect in tune: publish_tf, path.step\ntune: ')
+        f'tune: {file}: these parameters have no effect in tune: publish_tf, advanced.path.step\ntune: ')
 
 
 def test_a_recording_is_not_held_out_and_searched_on(words, recordings, capsys):

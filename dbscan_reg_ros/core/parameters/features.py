@@ -13,8 +13,6 @@ FIRST_BEAM, LAST_BEAM = 'first_beam', 'last_beam'
 class ScanParameters(ParameterGroup):
     """Which returns of a scan are used, and their range noise."""
 
-    BASIC = 'range_min', 'range_max', 'noise_min', 'noise_max', 'direction', 'revolution', 'stamp'
-
     range_min: float = parameter(
         0.0, unit='m', bounds=(0.0, 1000.0),
         help='Returns with a smaller range than this are ignored. Larger values also ignore near objects; 0 uses the '
@@ -24,7 +22,7 @@ class ScanParameters(ParameterGroup):
         help='Returns with a larger range than this are ignored. Smaller values also ignore far walls, which '
              'constrain the heading best; 0 uses the limit that the scan states.')
     min_returns: int = parameter(
-        8, unit='beams', bounds=(3, 100000),
+        8, unit='beams', bounds=(3, 100000), case='symptom: many scans are skipped',
         help='Scans with fewer returns than this are skipped. Larger values skip more scans; smaller values also '
              'process scans that can hardly be registered.')
     noise_min: float = parameter(
@@ -37,11 +35,11 @@ class ScanParameters(ParameterGroup):
         help='Upper limit of the estimated standard deviation of a range. Larger values suit sensors with more noise; '
              'with smaller values clutter increases the estimate less.')
     noise_ratio_max: float = parameter(
-        0.05, bounds=(0.0, 0.5),
+        0.05, bounds=(0.0, 0.5), case='course far_noise',
         help='Upper limit of the estimated ratio of range noise to range, for sensors whose far returns are noisier '
              'than near ones. Larger values allow lower weights of far returns; 0 gives all returns the same weight.')
     direction: str = parameter(
-        AUTO, choices=DIRECTIONS,
+        AUTO, bounds=DIRECTIONS,
         help='Direction in which the sensor turns, seen from above. With as_sent, the beams are measured in the order '
              'in which they are sent. Some drivers of clockwise sensors send the beams in the reverse order. With '
              'auto, the first rotations show it; until then, the motion during a scan is corrected wrongly.')
@@ -51,7 +49,7 @@ class ScanParameters(ParameterGroup):
              'rotations show whether the sensor turns once from one scan to the next. Larger values correct more '
              'motion during a scan.')
     stamp: str = parameter(
-        FIRST_BEAM, choices=(FIRST_BEAM, LAST_BEAM),
+        FIRST_BEAM, bounds=(FIRST_BEAM, LAST_BEAM),
         help='Beam at whose time the stamp of a scan is: first_beam, as ROS defines it, or last_beam.')
 
 
@@ -60,11 +58,11 @@ class RingBandParameters(ParameterGroup):
     """Ring band filter (Eq. 3-4)."""
 
     test: str = parameter(
-        'consensus', choices=('consensus', 'off'),
+        'consensus', bounds=('consensus', 'off'), case='courses far_noise, lidars',
         help='Outlier test of the ring band filter: consensus or off (no filter). With consensus, a beam is an outlier '
              'if it lies on no line through two other beams of its ring.')
     gross_error: float = parameter(
-        0.05, unit='m', bounds=(0.0, 100.0),
+        0.05, unit='m', bounds=(0.0, 100.0), case='sensor with returns between two surfaces',
         help='An outlier farther than this from the line of its neighbours is removed instead of being averaged. '
              'Larger values average more outliers; 0 averages all of them.')
 
@@ -73,47 +71,45 @@ class RingBandParameters(ParameterGroup):
 class SegmentParameters(ParameterGroup):
     """Line segments (Eq. 5, 7) and normals."""
 
-    BASIC = 'min_points', 'min_length'
-
     breakpoint_factor: float = parameter(
-        8.0, bounds=(1.0, 100.0),
+        8.0, bounds=(1.0, 100.0), case='sensor with coarse bearings, along corridors',
         help='Factor k of Eq. 5: two neighbouring points lie on different surfaces if they are farther apart than k '
              'times the distance between two beams at their range. Larger values join surfaces across gaps; smaller '
              'values cut walls seen at a grazing angle.')
     breakpoint_noise: float = parameter(
-        5.0, bounds=(0.0, 100.0),
+        5.0, bounds=(0.0, 100.0), case='sensor with noisy ranges',
         help='Multiple of the range noise that is added to the distance beyond which two neighbouring points lie on '
              'different surfaces (Eq. 5). Larger values keep noisy surfaces in one piece; smaller values cut them more '
              'often.')
     max_gap: int = parameter(
-        8, unit='beams', bounds=(1, 1000),
+        8, unit='beams', bounds=(1, 1000), case='sensor that drops beams',
         help='Two neighbouring points that are more than this many beams apart lie on different surfaces. Larger '
              'values bridge more beams without a return; smaller values cut surfaces at such gaps.')
     min_points: int = parameter(
-        4, unit='beams', bounds=(2, 1000),
+        4, unit='beams', bounds=(2, 1000), case='sensor with few beams',
         help='Segments with fewer points than this are dropped. Larger values keep only well-sampled lines; smaller '
              'values also keep lines far away.')
     min_length: float = parameter(
-        0.15, unit='m', bounds=(0.0, 100.0),
+        0.15, unit='m', bounds=(0.0, 100.0), case='building with much furniture',
         help='Segments shorter than this are dropped. Larger values keep only long walls; smaller values also keep '
              'short lines whose direction is uncertain.')
     max_segments: int = parameter(
-        100, bounds=(2, 1000),
+        100, bounds=(2, 1000), case='courses trees, chairs',
         help='Largest number of segments of a scan; the longest ones are kept. Larger values give more hypotheses and '
              'take longer; smaller values are faster.')
     depth_margin: float = parameter(
-        0.15, unit='m', bounds=(0.0, 10.0),
+        0.15, unit='m', bounds=(0.0, 10.0), case='sensor with returns between two surfaces',
         help='The end of a surface is a free end if the range of the next return is larger by at least this. Larger '
              'values find fewer free ends and small objects; smaller values take noise for free ends.')
     normal_reach: float = parameter(
-        0.1, unit='m', bounds=(0.0, 10.0),
+        0.1, unit='m', bounds=(0.0, 10.0), case='sensor with noisy ranges',
         help='Distance on each side of a point, along its surface, within which neighbours are used to fit its normal. '
              'Larger values give smoother normals and round off corners; smaller values follow details and noise.')
     normal_noise: float = parameter(
-        4.0, bounds=(0.0, 100.0),
+        4.0, bounds=(0.0, 100.0), case='course narrow',
         help='Lower limit of the distance advanced.segments.normal_reach, as a multiple of the range noise. Larger '
              'values give smoother normals for noisy sensors; 0 uses advanced.segments.normal_reach alone.')
     normal_beams: int = parameter(
-        2, unit='beams', bounds=(1, 100),
+        2, unit='beams', bounds=(1, 100), case='sensor with few beams',
         help='Least number of neighbouring beams on each side of a point that are used to fit its normal. Larger '
              'values give smoother normals at large ranges; smaller values give noisier normals there.')

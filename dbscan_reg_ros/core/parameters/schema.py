@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from ..errors import ParameterError
 
@@ -19,8 +19,8 @@ ADVANCED = 'advanced.'
 """Prefix of the full names of parameters that are seldom changed."""
 
 
-def parameter(default: Number, *, help: str, unit: str = '', bounds: tuple[float, float] | None = None,
-              choices: tuple[str, ...] | None = None, read_only: bool = False) -> Number:
+def parameter(default: Number, *, help: str, unit: str = '', case: str = '', read_only: bool = False,
+              bounds: tuple[float, float] | tuple[str, ...] | None = None) -> Number:
     """Make a dataclass field with the description of a parameter.
 
     Parameters
@@ -31,18 +31,21 @@ def parameter(default: Number, *, help: str, unit: str = '', bounds: tuple[float
     help : str
         Whole sentences: what the parameter does, and what larger and smaller values cause.
     unit : str
-    bounds : (float, float), optional
-        Least and greatest allowed value, both inclusive.
-    choices : tuple of str, optional
-        Allowed values of a text.
+    case : str
+        What needs another value: a course of ``scripts/bench odometry``, a sensor, a robot or a symptom. A parameter
+        with a case is advanced; one without depends on every sensor and robot, and is basic.
     read_only : bool
         The value cannot change after the start of the node.
+    bounds : (float, float) or tuple of str, optional
+        Least and greatest allowed value, both inclusive; of a text all allowed values.
     """
-    minimum, maximum = bounds or (None, None)
+    choices = bounds if isinstance(default, str) else None
+    minimum, maximum = bounds if bounds and not choices else (None, None)
     if type(default) is int and bounds is not None:
         minimum, maximum = int(bounds[0]), int(bounds[1])
     return dataclasses.field(default=default, metadata={
-        'help': help, 'unit': unit, 'minimum': minimum, 'maximum': maximum, 'choices': choices, 'read_only': read_only})
+        'help': help, 'unit': unit, 'minimum': minimum, 'maximum': maximum, 'choices': choices, 'read_only': read_only,
+        'case': case})
 
 
 def internal(default: Any) -> Any:
@@ -66,6 +69,8 @@ class Description:
         Bounds, both inclusive.
     choices : tuple of str or None
     read_only : bool
+    case : str
+        What needs an advanced parameter; empty for a basic one.
     """
 
     name: str
@@ -77,6 +82,7 @@ class Description:
     maximum: float | None
     choices: tuple[str, ...] | None
     read_only: bool
+    case: str
 
     @property
     def bounds(self) -> str:
@@ -99,15 +105,7 @@ class Description:
 
 @dataclass(frozen=True)
 class ParameterGroup:
-    """A frozen dataclass of parameters that checks every value when an instance is made.
-
-    Attributes
-    ----------
-    BASIC : tuple of str
-        Names of the basic parameters of the group; the others are advanced.
-    """
-
-    BASIC: ClassVar[tuple[str, ...]] = ()
+    """A frozen dataclass of parameters that checks every value when an instance is made."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -240,7 +238,7 @@ def _parameter_fields(tree: Any) -> 'tuple[tuple[str, str, dataclasses.Field[Any
         group: Any = field.default_factory
         if _is_group(field):
             for inner in dataclasses.fields(group):
-                level = '' if inner.name in group.BASIC else ADVANCED
+                level = ADVANCED if inner.metadata['case'] else ''
                 found.append((f'{level}{field.name}.{inner.name}', field.name, inner))
         else:
             found.append((field.name, '', field))

@@ -87,7 +87,7 @@ def judge(score: float, evidence: Evidence, observed: Observability, certainty: 
 
 def low_score_reason(score: float, minimum: float) -> str:
     """Return the reason for ``FAILED`` or ``AMBIGUOUS`` where the `score` is too low."""
-    return f'score {score:.2f}, expected at least {minimum} (decision.min_score)'
+    return f'score {score:.2f}, expected at least {minimum} (advanced.decision.min_score)'
 
 
 def few_points_reason(weak: float, minimum: float) -> str:

@@ -88,7 +88,7 @@ class Services:
             folder = Path(self.parameters.snapshot.folder).expanduser()
         except RuntimeError:
             response.success = False
-            response.message = f'snapshot.folder = {self.parameters.snapshot.folder!r}: no such user'
+            response.message = f'advanced.snapshot.folder = {self.parameters.snapshot.folder!r}: no such user'
             return response
         when = time.strftime('%Y%m%d_%H%M%S')
         path = (folder / f'{self._node.get_name()}_{when}_{self._updates[-1].stamp}.npz').absolute()

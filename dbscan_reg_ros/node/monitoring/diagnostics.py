@@ -160,7 +160,8 @@ class Diagnostics:
                 texts.append(f'{lidar.label}too slow: {count} scans dropped')
                 lidar.log.warn(f'too slow: {count} scans dropped, as others were still being processed or waited for '
                                'data; use every n-th scan only (input.every_nth), or fewer points '
-                               '(density.max_points); if they wait for data, let more scans wait (input.queue_size)')
+                               '(advanced.density.max_points); if they wait for data, let more scans wait '
+                               '(advanced.input.queue_size)')
         return texts
 
     def _grades(self, silent: Sequence[Lidar]) -> list[tuple[Grade, str]]:

@@ -25,7 +25,7 @@ def record_node(given, root):
     """Rows of what the node, in a process of its own, publishes on ``odom`` for each scan."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, '-m', PACKAGE, 'scan_matcher', '--ros-args', '-p', 'publish_tf:=false', '-p',
-                   'input.max_wait:=10.0', *given['arguments'].tolist()]
+                   'advanced.input.max_wait:=10.0', *given['arguments'].tolist()]
         log = Path(folder, 'node.log')
         with open(log, 'wb') as output:
             node = subprocess.Popen(command, cwd=root, stdin=subprocess.DEVNULL, stdout=output, stderr=output,

@@ -159,15 +159,15 @@ def test_errors_of_the_fit_agree_with_its_covariance():
 def test_short_walls_and_few_points_are_no_segment():
     wall = np.array([[(2.0, -0.1), (2.0, 0.1)]])
     scan = look(np.concatenate((wall, outline([(-9.0, -9.0), (9.0, -9.0), (9.0, 9.0), (-9.0, 9.0)]))))
-    near = {'segments.min_length': 0.1, 'segments.min_points': 4}
+    near = {'advanced.segments.min_length': 0.1, 'advanced.segments.min_points': 4}
 
     def near_segments(**changes):
         found = extract_features(scan, PLAIN.replace(near | changes)).segments
         return np.count_nonzero(np.hypot(*found.midpoint.T) < 3.0)
 
     assert near_segments() == 1
-    assert near_segments(**{'segments.min_length': 0.3}) == 0
-    assert near_segments(**{'segments.min_points': 7}) == 0
+    assert near_segments(**{'advanced.segments.min_length': 0.3}) == 0
+    assert near_segments(**{'advanced.segments.min_points': 7}) == 0
 
 
 # Ends
@@ -237,6 +237,6 @@ def test_a_scan_without_a_line_has_no_segments():
     rng = np.random.default_rng(3)
     found = extract_features(Scan(0, rng.uniform(1.0, 8.0, 360), FULL), PLAIN).segments
     assert len(found) < 5
-    empty = PLAIN.replace({'segments.min_length': 50.0})
+    empty = PLAIN.replace({'advanced.segments.min_length': 50.0})
     assert len(segments_of(outline(L_ROOM), empty)) == 0
     assert segments_of(outline(L_ROOM), empty).midpoint.shape == (0, 2)

@@ -211,7 +211,7 @@ def test_with_an_imprecise_prediction_no_point_is_dynamic():
     room = look(outline(L_ROOM), THERE, FULL)
     scans = [room, with_person(dataclasses.replace(room, stamp=100_000_000), 0.4)[0]]
     for spread, left in ((0.15, False), (0.25, True)):
-        odometry = Odometry(Parameters().replace({'advanced.prior.min_sigma': spread, 'time.max_jump': 100.0}))
+        odometry = Odometry(Parameters().replace({'advanced.prior.min_sigma': spread, 'advanced.time.max_jump': 100.0}))
         odometry.process(scans[0])
         last = odometry.process(scans[1]).features
         assert (len(last.oriented_points) == len(extract_features(scans[1]).oriented_points)) == left

@@ -474,7 +474,7 @@ def test_a_reset_starts_at_the_pose_given():
 
 
 def test_the_window_is_bounded():
-    odometry = Odometry(Parameters().replace({'odometry.key_frames': 4, 'odometry.key_frame_distance': 0.02}))
+    odometry = Odometry(Parameters().replace({'odometry.key_frames': 4, 'advanced.odometry.key_frame_distance': 0.02}))
     run(odometry, drive(30))
     assert len(odometry._state.window.frames) == 4
 
@@ -533,5 +533,5 @@ def test_a_parameter_may_have_its_least_value(short_drives, name):
 @pytest.mark.parametrize('reference', ['window', 'keyframe', 'previous'])
 @pytest.mark.parametrize(('single', 'gated'), [(0.0, 0.0), (0.4, 0.0), (0.9, 0.8), (0.95, 0.9), (1.0, 1.0)])
 def test_the_gate_allows_twice_the_probability_of_an_error(reference, single, gated):
-    asked = Parameters().replace({'odometry.reference': reference, 'decision.min_confidence': single})
+    asked = Parameters().replace({'odometry.reference': reference, 'advanced.decision.min_confidence': single})
     assert search_parameters(asked).decision.min_confidence == pytest.approx(gated)

@@ -139,21 +139,21 @@ def test_nothing_found_has_no_confidence():
 def test_the_least_confidence_decides_on_ok():
     pair = features(START), features(END, seed=1)
     found = register(*pair)
-    asked = Parameters().replace({'decision.min_confidence': min(found.confidence + 1e-3, 1.0)})
+    asked = Parameters().replace({'advanced.decision.min_confidence': min(found.confidence + 1e-3, 1.0)})
     assert register(*pair, asked).status is Status.AMBIGUOUS
 
 
 def test_the_reason_names_the_score_and_the_confidence_where_both_are_too_low():
     found = register(features(START), features(END, seed=1), Parameters().replace(
-        {'decision.min_score': 1.0, 'decision.min_confidence': 1.0}))
+        {'advanced.decision.min_score': 1.0, 'advanced.decision.min_confidence': 1.0}))
     score, certainty = f'score {found.score:.2f}, expected', f'confidence {found.confidence:.2f}, expected'
-    assert found.reason.startswith(f'{score} at least 1.0 (decision.min_score); {certainty} at least 1')
+    assert found.reason.startswith(f'{score} at least 1.0 (advanced.decision.min_score); {certainty} at least 1')
 
 
 def test_a_prior_does_not_replace_the_score_and_the_evidence_does():
     pair = features(START), features(END, seed=1)
     found = register(*pair)
-    asked = Parameters().replace({'decision.min_score': found.score + 0.01})
+    asked = Parameters().replace({'advanced.decision.min_score': found.score + 0.01})
     assert register(*pair, asked).status is Status.OK
     assert register(*pair, asked, Prior(found.transform, 0.01 * np.eye(3))).status is Status.AMBIGUOUS
 

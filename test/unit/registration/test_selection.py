@@ -23,7 +23,7 @@ from dbscan_reg_ros.core.registration.scoring import (
 )
 from dbscan_reg_ros.core.registration.search import Problem
 
-ALIKE = Parameters().replace({'advanced.density.leverage_ridge': 1000.0, 'density.max_points': 1000})
+ALIKE = Parameters().replace({'advanced.density.leverage_ridge': 1000.0, 'advanced.density.max_points': 1000})
 """Every point counts the same, and all of them."""
 DENSITY = ALIKE.density
 ROOM = outline(L_ROOM)

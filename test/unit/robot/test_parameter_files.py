@@ -5,6 +5,7 @@ import re
 
 import pytest
 import yaml
+from benchmarks.odometry.courses import COURSES
 
 from dbscan_reg_ros import ParameterError
 from dbscan_reg_ros.paths import ready_made
@@ -76,9 +77,10 @@ def test_the_reference_is_current_and_has_a_line_for_every_parameter():
     descriptions = {f'`{d.name}`': d for d in NodeParameters.describe()}
     assert [row[0] for row in rows] == sorted(descriptions,
                                               key=lambda name: ('.' in name, name.startswith('`advanced.')))
-    for name, default, limits, help in rows:
-        assert yaml.safe_load(default.strip('`')) == _plain(descriptions[name].default), name
-        assert (limits, help) == (describe_limits(descriptions[name]), descriptions[name].help)
+    for name, default, limits, *texts in rows:
+        d = descriptions[name]
+        assert yaml.safe_load(default.strip('`')) == _plain(d.default), name
+        assert (limits, *texts) == (describe_limits(d), d.help, *filter(None, [d.case]))
 
 
 def test_every_help_is_whole_sentences_that_can_be_read_alone():
@@ -120,6 +122,13 @@ def test_written_parameters_are_read_back_unchanged(tmp_path):
     assert read_parameters(tmp_path / 'changed.yaml') == changed
 
 
+def test_the_courses_that_need_an_advanced_parameter_exist():
+    cases = [d.case for d in NodeParameters.describe() if d.case]
+    named = {name.strip() for case in cases if case.startswith('course')
+             for name in case.partition(' ')[2].split(',')}
+    assert {'far_noise', 'sparse', 'leader'} <= named <= set(COURSES)
+
+
 @pytest.mark.parametrize('group, name', [('scan', 'range'), ('scan', 'noise'), ('advanced.rotation', 'eps')])
 def test_a_least_value_above_the_greatest_is_refused_naming_both(read, group, name):
     text = '/**: {{ros__parameters: {{{0}.{1}_min: 0.4, {0}.{1}_max: {2}}}}}'.format
@@ -155,6 +164,7 @@ def test_numbers_may_be_written_as_ros_takes_them(read, number):
     ('/**: {ros__parameters: {advanced: {scan: {range_min: 0.1}}}}', 'advanced.scan.range_min is now scan.range_min'),
     ('/**: {ros__parameters: {density: {max_distance: 0.5}}}',
      'density.max_distance is now advanced.density.max_distance'),
+    ('/**: {ros__parameters: {time: {max_jump: 0.5}}}', 'time.max_jump is now advanced.time.max_jump'),
     ('/**: {ros__parameters: {advanced: {segments: {join_gap: 0.5}}}}',
      'advanced.segments.join_gap is no parameter any more: it is 1.0 for every sensor, robot and building'),
     ('/**: {ros__parameters: {scan: {range_max: far}}}', "scan.range_max = 'far': expected a number"),
