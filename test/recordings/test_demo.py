@@ -111,7 +111,8 @@ def test_a_wrong_parameter_file_is_refused_before_anything_starts(demo, tmp_path
     (tmp_path / 'wrong.yaml').write_text('scan_matcher:\n  ros__parameters:\n    advanced.rotation.eps: -1.0\n')
     process = demo('--params-file', tmp_path / 'wrong.yaml')
     assert process.wait(15.0) == 2
-    assert re.fullmatch(r'demo: .*wrong\.yaml: advanced\.rotation\.eps = -1\.0: expected .*', process.output().splitlines()[-1])
+    assert re.fullmatch(r'demo: .*wrong\.yaml: advanced\.rotation\.eps = -1\.0: expected .*',
+                        process.output().splitlines()[-1])
 
 
 def test_the_simulated_building_has_one_lidar(demo, tmp_path):
