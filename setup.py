@@ -15,7 +15,7 @@ from setuptools.command.sdist import sdist
 from setuptools.errors import CCompilerError, ExecError, PlatformError
 
 PACKAGE = 'dbscan_reg_ros'
-COMMANDS = ('calibrate', 'compare', 'convert', 'demo', 'dump', 'play', 'register', 'replay', 'scan_matcher',
+COMMANDS = ('calibrate', 'compare', 'convert', 'demo', 'play', 'register', 'replay', 'scan_matcher',
             'scan_matcher_lifecycle', 'simulate', 'tune', 'watch')
 ENTRY_POINT = f'{PACKAGE}.__main__:entry_point'
 

@@ -24,7 +24,6 @@ COMMANDS = {
     'compare': ('commands.compare', 'compare two parameter sets or methods on the same recordings'),
     'tune': ('commands.tune', 'search parameter values on recordings'),
     'simulate': ('commands.simulate', 'simulate a recording of any lidar, with exact truth'),
-    'dump': ('commands.dump', 'write the parameters of a running node to a file'),
     'convert': ('commands.convert', 'convert between CARMEN logs, ROS 1 bags and ROS 2 bags'),
 }
 """Command -> its module in this package, and its purpose."""

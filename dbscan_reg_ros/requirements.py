@@ -53,7 +53,6 @@ NEEDS = {
     'tune': (*_CORE, 'tqdm'),
     'simulate': (*_CORE, 'matplotlib'),
     'watch': (*_CORE, 'matplotlib', ROS),
-    'dump': (*_CORE, ROS),
     'convert': (*_CORE, 'tqdm'),
     'bench': (*_CORE, 'matplotlib', 'tqdm'),
 }

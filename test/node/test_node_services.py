@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What can be asked of the running node: reset, pause, set_pose, snapshot, dump."""
 import math
+from functools import reduce
 
 import numpy as np
 import pytest
 import rclpy  # noqa: F401 - needs ROS
+import yaml
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from ros_helpers import TIMEOUT, Loudspeaker, Parameters, distances, mounted, played, pose_of
 from std_srvs.srv import SetBool, Trigger
@@ -132,32 +134,28 @@ def test_a_snapshot_in_the_home_of_an_unknown_user_is_refused_with_the_reason(st
     assert player.play(scans[3:5]).lost == 0
 
 
-def test_a_dump_is_taken_back_unchanged(start_node, start_command, peer, tmp_path):
+def dumped(parameters, path):
+    """Write the parameters of a running node as ``ros2 param dump`` does; return name -> value."""
+    names = parameters.names()
+    values = dict(zip(names, parameters.get(*names), strict=True))
+    tree = {}
+    for name, value in values.items():
+        *groups, last = name.split('.')
+        reduce(lambda inner, group: inner.setdefault(group, {}), groups, tree)[last] = \
+            list(value) if hasattr(value, 'tolist') else value
+    path.write_text(yaml.dump({'/scan_matcher': {'ros__parameters': tree}}))
+    return values
+
+
+def test_what_ros2_param_dump_writes_is_taken_back_unchanged(start_node, start_command, peer, tmp_path):
     first = start_node('-p', 'scan.range_max:=7.5', '-p', 'input.mask:=[0.1, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]', '-p',
                        'odom_frame:=laser_odom')
-    [result] = Parameters(peer).set(prior__rotation=0.25)
-    assert result.successful
-    one, two = tmp_path / 'one.yaml', tmp_path / 'two.yaml'
-    assert start_command('dump', '--out', one).wait(TIMEOUT) == 0
+    assert Parameters(peer).set(prior__rotation=0.25)[0].successful
+    before = dumped(Parameters(peer), tmp_path / 'dump.yaml')
     first.stop()
     peer.until(lambda: not peer.node.count_publishers('/odom'))
-    start_command('scan_matcher', '--ros-args', '--params-file', one)
-    assert start_command('dump', '--out', two).wait(TIMEOUT) == 0
-    assert two.read_text() == one.read_text()
-    assert read_parameters(one).flatten() == NodeParameters().replace({
+    start_command('scan_matcher', '--ros-args', '--params-file', tmp_path / 'dump.yaml')
+    assert dumped(Parameters(peer), tmp_path / 'again.yaml') == before
+    assert read_parameters(tmp_path / 'dump.yaml').flatten() == NodeParameters().replace({
         'scan.range_max': 7.5, 'input.mask': (0.1, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 'odom_frame': 'laser_odom',
         'prior.rotation': 0.25, 'mounting': 'none'}).flatten()
-
-
-def test_a_dump_without_a_node_ends_with_one_line(start_command):
-    process = start_command('dump', '--node', '/missing', '--wait', '0.5')
-    assert process.wait(TIMEOUT) == 2
-    assert 'no answer from the node /missing in 0.5 s' in process.output()
-    assert len(process.output().strip().splitlines()) == 1
-
-
-def test_a_dump_of_another_kind_of_node_is_refused(start_command, peer):
-    with peer.spinning():
-        process = start_command('dump', '--node', '/peer')
-        assert process.wait(TIMEOUT) == 2
-    assert '/peer does not have the parameters of scan_matcher' in process.output()

@@ -17,7 +17,7 @@ from dbscan_reg_ros.requirements import NEEDS, ROS, ROS_WHEELS, SOURCES, missing
 WORDS = {
     'scan_matcher': [], 'scan_matcher_lifecycle': [], 'replay': ['a.log'], 'register': ['a.log', '0', '1'],
          'play': ['a.log'],
-    'demo': [], 'compare': ['defaults', 'icp', 'a.log'], 'tune': ['a.log'], 'simulate': ['b.log'], 'dump': [],
+    'demo': [], 'compare': ['defaults', 'icp', 'a.log'], 'tune': ['a.log'], 'simulate': ['b.log'],
     'convert': ['a.log', 'b.log'], 'watch': [], 'calibrate': ['a.log', '--topic', '/a'],
 }
 

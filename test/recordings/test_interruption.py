@@ -208,14 +208,6 @@ def test_an_interrupted_demo_ends_its_node(begun, recordings, tmp_path):
     assert (code, errors) == (130, 'demo: interrupted\n')
 
 
-@needs_ros
-def test_an_interrupted_dump_does_not_wait_for_its_node(begun, ros_environment):
-    process = begun(lambda: True, 'dump', '--node', '/absent', '--wait', '3600', workers=0)
-    # Those of DDS
-    wait_until(lambda: len(list(Path(f'/proc/{process.pid}/task').iterdir())) > 4, STARTED)
-    assert interrupted(process) == (130, '', 'dump: interrupted\n')
-
-
 @pytest.mark.long
 def test_an_interrupted_benchmark_ends_its_process(begun):
     code, _, errors = interrupted(begun(lambda: True, 'soak', module='benchmarks', workers=2))

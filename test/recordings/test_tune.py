@@ -301,7 +301,7 @@ def test_the_result_is_set_on_a_running_node(words, tmp_path, start_command, cap
     start_command('scan_matcher', '--ros-args', '-p', 'mounting:=none')
     assert main(words(3, 'out', '--live', '/scan_matcher')) == 0
     assert 'live        set on /scan_matcher' in capsys.readouterr().out
-    from dbscan_reg_ros.node.interfaces.remote_parameters import read_remote
+    from ros_helpers import Parameters, Peer
     best = read_parameters(tmp_path / 'out' / 'best.yaml').flatten()
-    live = read_remote('/scan_matcher', 10.0).flatten()
-    assert {name: live[name] for name in BAD} == {name: best[name] for name in BAD}
+    with Peer() as peer:
+        assert Parameters(peer).get(*BAD) == [best[name] for name in BAD]
