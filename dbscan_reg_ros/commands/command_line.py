@@ -13,7 +13,7 @@ from pathlib import Path
 from ..allocation import keep_freed_memory
 from ..command_lines import started_as
 from ..core.errors import BuildError, DbscanRegError
-from ..lasting_output import discard, lasting_output
+from ..endings import discard, lasting_output
 from ..paths import check_writable, ready_made
 from ..requirements import ROS, MissingPackages, check_packages, is_there, missing_line
 from ..version import add_version

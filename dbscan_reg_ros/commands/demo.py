@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
-from ..signals import ENDING, interruptible
+from ..endings import ENDING, interruptible
 from .command_line import (
     FAILED,
     SEVERAL,

@@ -9,8 +9,8 @@ import weakref
 from contextlib import suppress
 
 from ..core.errors import DbscanRegError
+from ..endings import ENDING, held
 from ..private_graph import domain_locks
-from ..signals import ENDING, held
 
 POLL = 0.05
 """Interval [s] at which the output of a process is read."""

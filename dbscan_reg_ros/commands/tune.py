@@ -9,7 +9,7 @@ from operator import attrgetter
 from pathlib import Path
 
 from ..core.errors import ParameterError
-from ..signals import interruptible
+from ..endings import interruptible
 from .command_line import (
     SEVERAL,
     CommandError,

@@ -11,8 +11,7 @@ from multiprocessing.connection import wait
 
 from ..allocation import keep_freed_memory
 from ..core.errors import DbscanRegError
-from ..lasting_output import lasting_output
-from ..signals import ENDING, held, interruptible
+from ..endings import ENDING, held, interruptible, lasting_output
 
 THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 """Variables that limit the threads of numerical libraries, as parallel processes with many threads are slow."""

@@ -18,7 +18,7 @@ WORLD_OUTSIDE = {'asyncio', 'builtins', 'datetime', 'glob', 'gzip', 'io', 'loggi
                  'pickle', 'random', 'shutil', 'signal', 'socket', 'subprocess', 'sys', 'tempfile', 'threading', 'time'}
 
 LAYERS = (
-    {'paths', 'allocation', 'command_lines', 'signals', 'lasting_output'},
+    {'paths', 'allocation', 'command_lines', 'endings'},
     {'core'},
     {'build_check', 'version', 'private_graph'},
     {'requirements', 'recordings', 'robot'},

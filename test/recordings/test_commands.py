@@ -15,7 +15,7 @@ from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.__main__ import main
 from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.commands import command_line
-from dbscan_reg_ros.signals import held, interruptible
+from dbscan_reg_ros.endings import held, interruptible
 
 needs_ros = pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='needs ROS 2 (rclpy)')
 
@@ -155,7 +155,7 @@ def test_an_object_interrupted_in_its_constructor_ends_without_a_word(root, numb
     program = f"""
 import signal, sys
 from dbscan_reg_ros.commands import command_line
-from dbscan_reg_ros.signals import interruptible
+from dbscan_reg_ros.endings import interruptible
 
 class Task:
     def __init__(self):
