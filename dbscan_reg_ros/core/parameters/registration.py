@@ -11,6 +11,11 @@ from .schema import ParameterGroup, parameter
 
 POLISH_SPREAD = 1.6
 """Kernel scale of a polishing iteration in multiples of the spread of the errors: most points keep their weight."""
+COARSE_SCALE, FINE_SCALE, FINAL_SCALE = 0.25, 0.1, 0.03
+"""Kernel scale [m] of the first coarse, of the last coarse and first fine, and of the last fine and first polishing
+iteration: from the error of a hypothesis of two lines to several times the noise of a lidar."""
+MAP_ITERATIONS = 4
+"""Number of iterations that align a scan with the key-frame window; the motions of further ones are below the noise."""
 MAX_COUNT = 10000
 """Upper limit of every parameter that the wide search multiplies."""
 
@@ -23,14 +28,6 @@ class RotationParameters(ParameterGroup):
         0.0, unit='rad', bounds=(0.0, 3.2), case="the paper's sigma of Eq. 9",
         help='Neighbourhood radius of DBSCAN over angle differences. Larger values merge clusters; smaller values '
              'split them; 0 estimates the radius from the k-dist graph of each pair of scans.')
-    eps_min: float = parameter(
-        0.005, unit='rad', bounds=(0.0001, 3.2), case='sensor with fine bearings',
-        help='Lower limit of the neighbourhood radius from the k-dist graph of angle differences. Larger values merge '
-             'more clusters; smaller values allow finer ones.')
-    eps_max: float = parameter(
-        0.05, unit='rad', bounds=(0.0001, 3.2), case='sensor with noisy ranges',
-        help='Upper limit of the neighbourhood radius from the k-dist graph of angle differences. Larger values allow '
-             'wider clusters; smaller values keep clusters apart.')
     min_samples: int = parameter(
         1, bounds=(1, 1000), case="the paper's MinPts of Eq. 9",
         help='MinPts of DBSCAN over angle differences. Larger values drop small clusters as noise; 1 keeps every '
@@ -49,10 +46,6 @@ class RotationParameters(ParameterGroup):
 class TranslationParameters(ParameterGroup):
     """Clustering of the translations that pairs of matched lines give (Eq. 10-15)."""
 
-    parallel_sigma: float = parameter(
-        0.06, unit='rad', bounds=(0.0001, 1.6), case='sensor with noisy ranges',
-        help='Standard deviation of the angle between two lines that are matched as parallel (eps1 of Eq. 12). Larger '
-             'values match more lines, including wrong ones; smaller values match fewer.')
     min_crossing_sine: float = parameter(
         0.35, bounds=(0.0001, 1.0), case='building with oblique walls',
         help='Least sine of the angle between two lines that determine a translation (eps2 of Eq. 13). The search '
@@ -170,31 +163,15 @@ class RefinementParameters(ParameterGroup):
         3, bounds=(0, 100), case='symptom: processing is too slow',
         help='Number of coarse iterations of all hypotheses. Larger values let hypotheses converge from farther away '
              'and take longer; 0 disables these iterations and the search along a degenerate direction.')
-    coarse_scale: float = parameter(
-        0.25, unit='m', bounds=(0.001, 10.0), case='sensor with few beams',
-        help='Kernel scale of the first coarse iteration. Larger values let hypotheses converge from farther away; '
-             'smaller values resist outliers more.')
     fine_iterations: int = parameter(
         2, bounds=(0, 100), case='courses sparse, bursts',
         help='Number of fine iterations if several hypotheses are compared; a single top candidate is only polished; '
              'without polishing, as in the odometry, its pose is refined by these iterations. Larger values compare '
              'more exactly and take longer; 0 compares the coarse results.')
-    fine_scale: float = parameter(
-        0.1, unit='m', bounds=(0.001, 10.0), case='sensor with noisy ranges',
-        help='Kernel scale of the last coarse and of the first fine iteration. Larger values tolerate larger remaining '
-             'errors; smaller values resist outliers more.')
-    final_scale: float = parameter(
-        0.03, unit='m', bounds=(0.001, 10.0), case='sensor with noisy ranges',
-        help='Kernel scale of the last fine and of the first polishing iteration. Larger values use more points; '
-             'smaller values resist outliers more.')
     polish_iterations: int = parameter(
         5, bounds=(0, 100), case='symptom: processing is too slow',
         help='Number of polishing iterations of the best hypothesis, with a kernel that narrows to the spread of the '
              'errors. Larger values converge more exactly and take longer; 0 disables polishing.')
-    map_iterations: int = parameter(
-        4, bounds=(0, 100), case='symptom: processing is too slow',
-        help='Number of iterations that align a scan with the key-frame window. Larger values converge more exactly '
-             'and take longer; 0 leaves out this alignment.')
     map_first_scale: float = parameter(
         0.05, unit='m', bounds=(0.001, 10.0), case='symptom: walls are drawn twice',
         help='Kernel scale of the first iteration against the key-frame window. Larger values correct larger errors; '
@@ -217,16 +194,16 @@ class RefinementParameters(ParameterGroup):
     @cached_property
     def coarse_scales(self) -> FloatArray:
         """Kernel scale [m] of each coarse iteration, from wide to narrow."""
-        return np.array(_geometric(self.coarse_scale, self.fine_scale, self.coarse_iterations))
+        return np.array(_geometric(COARSE_SCALE, FINE_SCALE, self.coarse_iterations))
 
     @cached_property
     def fine_scales(self) -> FloatArray:
         """Kernel scale [m] of each fine iteration, from wide to narrow."""
-        return np.array(_geometric(self.fine_scale, self.final_scale, self.fine_iterations))
+        return np.array(_geometric(FINE_SCALE, FINAL_SCALE, self.fine_iterations))
 
     def window_scales(self, noise: float) -> list[float]:
         """Kernel scale [m] of each iteration against the key-frame window, for a range noise [m]."""
-        return _geometric(self.map_first_scale, max(self.map_scale, noise), self.map_iterations)
+        return _geometric(self.map_first_scale, max(self.map_scale, noise), MAP_ITERATIONS)
 
     def narrowed(self, scale: float, spread: float) -> float:
         """Kernel scale [m] of the next polishing iteration, from the last `scale` [m] and `spread` of errors [m]."""

@@ -268,9 +268,11 @@ _FIXED: dict[str, object] = {
     'segments.split_distance': 0.03, 'segments.split_levels': 6, 'segments.join_noise': 2.5, 'segments.join_gap': 1.0,
     'density.violation_tolerance': 0.15, 'selection.preselection_points': 60, 'selection.wide_search_score': 0.5,
     'selection.landmark_size': 1.0, 'selection.same_distance': 0.05, 'selection.same_angle': 0.02,
-    'refinement.polish_spread': 1.6, 'degeneracy.min_points': 2, 'decision.rival_distance': 0.2,
-    'decision.rival_angle': 0.09, 'manhattan.wall_sigma': 0.012, 'manhattan.correlation_distance': 20.0,
-    'manhattan.direction_sigma': 0.035, 'manhattan.min_aligned_ratio': 0.5}
+    'rotation.eps_min': 0.005, 'rotation.eps_max': 0.05, 'translation.parallel_sigma': 0.06,
+    'refinement.coarse_scale': 0.25, 'refinement.fine_scale': 0.1, 'refinement.final_scale': 0.03,
+    'refinement.map_iterations': 4, 'refinement.polish_spread': 1.6, 'degeneracy.min_points': 2,
+    'decision.rival_distance': 0.2, 'decision.rival_angle': 0.09, 'manhattan.wall_sigma': 0.012,
+    'manhattan.correlation_distance': 20.0, 'manhattan.direction_sigma': 0.035, 'manhattan.min_aligned_ratio': 0.5}
 """Parameters of earlier versions, without `ADVANCED`, that no sensor, robot or building needs -> their fixed value."""
 
 

@@ -19,7 +19,7 @@ from .registration import (
 )
 from .schema import ADVANCED, ParameterTree
 
-_LIMITED = ('scan', 'range'), ('scan', 'noise'), ('rotation', 'eps')
+_LIMITED = ('scan', 'range'), ('scan', 'noise')
 """Group and name of quantities with parameters for their lower and upper limit; an upper limit of 0 means no limit."""
 
 

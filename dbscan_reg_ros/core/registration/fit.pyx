@@ -4,6 +4,7 @@
 import numpy as np
 
 from ..geometry import tolerance
+from ..parameters import registration as scales
 
 cimport cython
 from libc.math cimport cos, sin, sqrt
@@ -16,7 +17,7 @@ from .uncertainty cimport BY_THETA, BY_X, BY_Y, ERROR, OWN_THETA, OWN_X, OWN_Y, 
 from .views cimport Lines, lines_of
 
 
-cdef double TINY = tolerance.TINY
+cdef double TINY = tolerance.TINY, FINAL_SCALE = scales.FINAL_SCALE
 cdef Equations NO_POINTS = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -141,7 +142,7 @@ def polish(candidate, Fit found, refinement):
     """
     cdef Fit moved = found.of_every(1, found.points)
     cdef double[:, ::1] table = moved.table
-    cdef double scale = refinement.final_scale, damping = refinement.damping, count
+    cdef double scale = FINAL_SCALE, damping = refinement.damping, count
     cdef Equations sums
     cdef double[3] step
     cdef double[3] total = [0.0, 0.0, 0.0]
@@ -158,6 +159,6 @@ def polish(candidate, Fit found, refinement):
             total[k] += step[k]
         for k in range(table.shape[1]):
             table[ERROR, k] -= step[0] * table[BY_X, k] + step[1] * table[BY_Y, k] + step[2] * table[BY_THETA, k]
-    if length_of(total[0], total[1]) >= refinement.final_scale:
+    if length_of(total[0], total[1]) >= FINAL_SCALE:
         return candidate, found
     return candidate - np.array((total[0], total[1], total[2])), moved

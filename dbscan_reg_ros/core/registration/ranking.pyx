@@ -5,6 +5,7 @@ import numpy as np
 
 from ..features.oriented_points import sample
 from ..geometry import tolerance
+from ..parameters import registration as scales
 from .scoring import preselect
 
 from libc.math cimport cos, sin, sqrt
@@ -16,9 +17,11 @@ from ..geometry.plane cimport length_of, wrap
 from ..geometry.symmetric cimport Weakest, squared_distance, weakest_direction
 from .point_to_line cimport Equations, Hypotheses, Hypothesis, Matches, Pose, add_points, match_points, pose_at
 from .point_to_line cimport refine_hypotheses, solve_step, weigh
-from .scoring cimport PRESELECTION_POINTS, RIVAL_ANGLE, RIVAL_DISTANCE, Comparison, choose_distinct, search_along, write_reverse_conflicts, write_scores
+from .scoring cimport PRESELECTION_POINTS, RIVAL_ANGLE, RIVAL_DISTANCE, Comparison, choose_distinct, search_along
+from .scoring cimport write_reverse_conflicts, write_scores
 
 cdef double TINY = tolerance.TINY
+cdef double COARSE_SCALE = scales.COARSE_SCALE, FINE_SCALE = scales.FINE_SCALE, FINAL_SCALE = scales.FINAL_SCALE
 
 cdef enum:
     # The best hypothesis is compared with at most this many rivals (hypotheses with different motions).
@@ -72,7 +75,7 @@ cdef class Search(Comparison):
 
 
 cdef Hypotheses rank_coarsely(Search search, candidates):
-    """Refine hypotheses with a kernel that narrows from `refinement.coarse_scale`; return them best first."""
+    """Refine hypotheses with a kernel that narrows from `COARSE_SCALE`; return them best first."""
     problem = search.problem
     p, points = problem.parameters, problem.current.sampled_points
     cdef Hypotheses found, again
@@ -86,13 +89,13 @@ cdef Hypotheses rank_coarsely(Search search, candidates):
         return found
     cdef OrientedPoints some = sample(points, PRESELECTION_POINTS)
     found = Hypotheses(exempt, others)
-    keep_supported(search, found, some, p.refinement.coarse_scale, p.selection.min_support_ratio)
+    keep_supported(search, found, some, COARSE_SCALE, p.selection.min_support_ratio)
     improve(search, found, some, search.coarse_scales, False)
     # One more step by all points: where the best has not converged, all are refined once more.
     pose = pose_at(found.rows[0].x, found.rows[0].y, found.rows[0].theta)
-    add_points(search.own, search.field, &pose, search.min_cosine, p.refinement.fine_scale, &sums)
+    add_points(search.own, search.field, &pose, search.min_cosine, FINE_SCALE, &sums)
     solve_step(&sums, search.damping, step)
-    if length_of(step[0], step[1]) < <double> p.refinement.final_scale:
+    if length_of(step[0], step[1]) < FINAL_SCALE:
         return found
     again = Hypotheses(found.motions())
     improve(search, again, search.own, search.coarse_scales, False)
@@ -173,7 +176,7 @@ cdef int sort_by_score(Search search, Hypotheses found) except -1 nogil:
 
 
 cdef int rank_finely(Search search, Hypotheses found) except -1:
-    """Refine the top candidates with a kernel that narrows to `refinement.final_scale`, and compare them both ways."""
+    """Refine the top candidates with a kernel that narrows to `FINAL_SCALE`, and compare them both ways."""
     cdef Hypothesis best
     keep_top_candidates(search, found)
     best = found.rows[0]

@@ -21,6 +21,7 @@ from l_room import (
 from dbscan_reg_ros import SE2, Parameters
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.features.tables import build_likelihood_field
+from dbscan_reg_ros.core.parameters.registration import FINAL_SCALE
 from dbscan_reg_ros.core.registration.fit import fit, polish
 from dbscan_reg_ros.core.registration.point_to_line import refine
 from dbscan_reg_ros.core.registration.residuals import Alignment
@@ -106,7 +107,7 @@ def test_every_candidate_is_refined_to_the_motion():
 
 def test_a_candidate_that_would_creep_farther_than_the_kernel_stays():
     reference, current = features(START), features(END)
-    near, far = ((MOTION @ SE2(share * PARAMETERS.refinement.final_scale, 0.0, 0.0)).as_array() for share in (0.8, 1.3))
+    near, far = ((MOTION @ SE2(share * FINAL_SCALE, 0.0, 0.0)).as_array() for share in (0.8, 1.3))
     found, _ = polished(reference, current, near)
     assert np.abs(found - MOTION.as_array()).max() < 1e-3
     found, _ = polished(reference, current, far)

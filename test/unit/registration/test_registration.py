@@ -269,16 +269,13 @@ def test_a_search_that_finds_nothing_but_violations_ends():
 
 
 def test_kernels_narrow_by_one_ratio_from_the_first_to_the_last():
-    refinement = Parameters().replace({'advanced.refinement.coarse_scale': 0.8, 'advanced.refinement.fine_scale': 0.1,
-                                       'advanced.refinement.coarse_iterations': 4,
-                                       'advanced.refinement.final_scale': 0.02,
-                                       'advanced.refinement.fine_iterations': 1,
-                                       'advanced.refinement.map_iterations': 3,
-                                       'advanced.refinement.map_first_scale': 0.04,
+    refinement = Parameters().replace({'advanced.refinement.coarse_iterations': 2,
+                                       'advanced.refinement.fine_iterations': 3,
+                                       'advanced.refinement.map_first_scale': 0.08,
                                        'advanced.refinement.map_scale': 0.001}).refinement
-    assert refinement.coarse_scales == pytest.approx([0.8, 0.4, 0.2, 0.1])
-    assert refinement.fine_scales.tolist() == [0.1]
-    assert refinement.window_scales(0.01) == pytest.approx([0.04, 0.02, 0.01])
+    assert refinement.coarse_scales == pytest.approx([0.25, 0.1])
+    assert refinement.fine_scales == pytest.approx([0.1, math.sqrt(0.003), 0.03])
+    assert refinement.window_scales(0.01) == pytest.approx([0.08, 0.04, 0.02, 0.01])
 
 
 def test_a_wide_search_multiplies_the_hypotheses_and_is_not_repeated():

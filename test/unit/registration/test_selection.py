@@ -10,6 +10,7 @@ from scipy.spatial.distance import mahalanobis
 
 from dbscan_reg_ros import SE2, Parameters, Prior
 from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.parameters.registration import COARSE_SCALE
 from dbscan_reg_ros.core.registration.fit import fit
 from dbscan_reg_ros.core.registration.hypotheses import Candidates
 from dbscan_reg_ros.core.registration.ranking import rank_by_density
@@ -105,7 +106,7 @@ def test_promising_hypotheses_have_enough_of_the_best_support():
     candidates = rows(*(MOTION @ off for off in (SE2(0.2, 0.1, 0.0), SE2(), SE2(1.0, 1.0, 1.6))))
     fits = [fit(each, current.sampled_points, reference.likelihood_field, DENSITY.min_normal_cosine)
             for each in candidates]
-    support = np.array([weight(each, ALIKE.refinement.coarse_scale).sum() for each in fits])
+    support = np.array([weight(each, COARSE_SCALE).sum() for each in fits])
     assert 0.9 > support[0] / support[1] > support[2] / support[1] + 0.1
     for share, count in (0.95 * support[0] / support[1], 2), (1.05 * support[0] / support[1], 1), (0.0, 3):
         p = ALIKE.replace(UNREFINED | {'advanced.selection.min_support_ratio': float(share)})

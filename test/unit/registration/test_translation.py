@@ -53,7 +53,7 @@ def test_pairs_that_hardly_cross_give_no_sample():
     """eps2 as the sine of the angle between them."""
     reference = walls(((0.0, 2.0), (3.0, 2.0)), ((0.0, -2.0), (3.0 * math.cos(0.3), -2.0 + 3.0 * math.sin(0.3))))
     for crossing, count in ((math.sin(0.3) + 1e-6, 0), (math.sin(0.3) - 1e-6, 1)):
-        parameters = TranslationParameters(min_crossing_sine=crossing, parallel_sigma=0.05, end_weight=0.0,
+        parameters = TranslationParameters(min_crossing_sine=crossing, end_weight=0.0,
                                            max_width=0.0)
         found = translations(reference, reference, parameters, eps=0.05)
         assert len(found.samples) == count
@@ -106,16 +106,16 @@ def test_occluded_ends_have_little_weight():
 
 
 def test_lines_that_a_rotation_makes_parallel_weigh_by_how_well_it_does():
-    """Corners of five walls, off by multiples of `parallel_sigma` = 0.1 rad; each start and each end is a sample."""
+    """Corners of five walls, off by multiples of the sigma of 0.06 rad; each start and each end is a sample."""
     off = np.array([(0.0, 1.0, 1.5), (-1.0, 2.1, 0.0)])
     phi = np.array([3.1, -1.0])
-    rotations = Rotations(phi, np.ones(2), wrap(3.1 + 0.1 * off), np.zeros((2, 3), dtype=int), 0.1)
+    rotations = Rotations(phi, np.ones(2), wrap(3.1 + 0.06 * off), np.zeros((2, 3), dtype=int), 0.1)
     weights = np.arange(1.0, 7.0).reshape(2, 3)
     here, there = (walls(*[((0.0, k), (1.0, k)) for k in range(count)], kind=EndKind.CORNER) for count in (2, 3))
     for most, expected in ((100, [6.0, 4.0 * math.exp(-0.5), 2.0 * math.exp(-0.5), 1.0, 3.0 * math.exp(-1.125)]),
                            (2, [6.0, 4.0 * math.exp(-0.5)])):
         found = estimate_translations(here, there, rotations, weights, TranslationParameters(
-            parallel_sigma=0.1, max_pairs=most, end_weight=1.0, min_crossing_sine=1.0))
+            max_pairs=most, end_weight=1.0, min_crossing_sine=1.0))
         assert not found.rotation.any()
         assert found.sample_weight == pytest.approx([*expected, *expected])
 

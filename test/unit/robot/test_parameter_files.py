@@ -129,7 +129,7 @@ def test_the_courses_that_need_an_advanced_parameter_exist():
     assert {'far_noise', 'sparse', 'leader'} <= named <= set(COURSES)
 
 
-@pytest.mark.parametrize('group, name', [('scan', 'range'), ('scan', 'noise'), ('advanced.rotation', 'eps')])
+@pytest.mark.parametrize('group, name', [('scan', 'range'), ('scan', 'noise')])
 def test_a_least_value_above_the_greatest_is_refused_naming_both(read, group, name):
     text = '/**: {{ros__parameters: {{{0}.{1}_min: 0.4, {0}.{1}_max: {2}}}}}'.format
     with pytest.raises(ParameterError,

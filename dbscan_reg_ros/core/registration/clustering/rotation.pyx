@@ -12,6 +12,9 @@ from ...geometry.plane cimport wrap, wrapped
 from ..views cimport SegmentViews, views_of_segments
 from .clusters cimport NOISE
 
+# Limits [rad] of the neighbourhood radius from the k-dist graph: the step of a fine lidar, and twice that of a coarse one.
+cdef double EPS_MIN = 0.005, EPS_MAX = 0.05
+
 
 def pair_weights(reference, current, parameters):
     """Return the weight ``(n, m)`` of each pair: its shorter length [m], less where the directions are uncertain."""
@@ -76,7 +79,7 @@ cdef RotationClusters cluster_rotations(SegmentViews reference, SegmentViews cur
         for k in range(size):
             number[1, k] = samples[order[k]]
         found.eps = min(max(knee_of(ascending_k_distances(number[1, :size], max(parameters.min_samples - 1, 1))),
-                            <double> parameters.eps_min), <double> parameters.eps_max)
+                            EPS_MIN), EPS_MAX)
     cluster_angles(samples, order, labels, period, found.eps, parameters.min_samples, parameters.max_width)
     rank_rotations(found, weights, labels, period, parameters.max_hypotheses, number[1:], index[2:])
     return found

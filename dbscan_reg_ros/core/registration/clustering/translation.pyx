@@ -19,6 +19,10 @@ from ..views cimport SegmentViews, views_of_segments
 from .clusters cimport NOISE, cluster_translations
 from .rotation cimport RotationClusters, cluster_rotations, weights_of
 
+# Standard deviation [rad] of the angle between two lines that are matched as parallel (eps1 of Eq. 12): that of a short
+# wall with noise of a few centimetres.
+cdef double PARALLEL_SIGMA = 0.06
+
 
 def estimate_translations(reference, current, rotations, weights, parameters):
     """Return the `Translations` that `cluster_lines` finds, as arrays.
@@ -96,7 +100,7 @@ cdef class MatchedLines:
 
 
 cdef MatchedLines match_lines(SegmentViews reference, SegmentViews current, const double[::1] difference,
-                              const double[::1] phi, const double[::1] weights, double sigma, Py_ssize_t max_pairs):
+                              const double[::1] phi, const double[::1] weights, Py_ssize_t max_pairs):
     """Return the heaviest pairs of each rotation, and their equations."""
     cdef Py_ssize_t m = current.size, size = difference.shape[0], most = phi.shape[0] * min(max_pairs, size)
     cdef Py_ssize_t k, i, count
@@ -114,9 +118,9 @@ cdef MatchedLines match_lines(SegmentViews reference, SegmentViews current, cons
             count = 0
             for i in range(size):
                 angle = wrapped(difference[i] - phi[k], 2.0 * M_PI)
-                if fabs(angle) < 2.0 * sigma:
+                if fabs(angle) < 2.0 * PARALLEL_SIGMA:
                     # Negative: the heaviest come first.
-                    heavy[count] = -decaying_exp(-0.5 * (angle / sigma) * (angle / sigma)) * weights[i]
+                    heavy[count] = -decaying_exp(-0.5 * (angle / PARALLEL_SIGMA) * (angle / PARALLEL_SIGMA)) * weights[i]
                     off[count], pair[count] = angle, i
                     count += 1
             sort_up_to_rounding(heavy[:count], order, scratch)
@@ -158,8 +162,7 @@ cdef TranslationClusters cluster_lines(SegmentViews reference, SegmentViews curr
                                        const double[::1] phi, const double[::1] weights, parameters):
     """Cluster the translations [m] that follow from matched lines and matched end points, for every rotation [rad]."""
     cdef TranslationClusters found = TranslationClusters.__new__(TranslationClusters)
-    cdef MatchedLines lines = match_lines(reference, current, difference, phi, weights, parameters.parallel_sigma,
-                                          parameters.max_pairs)
+    cdef MatchedLines lines = match_lines(reference, current, difference, phi, weights, parameters.max_pairs)
     cdef Py_ssize_t most = 2 * lines.size, run = 0, k, count
     for k in range(lines.size):
         run = run + 1 if k and lines.rotation[k] == lines.rotation[k - 1] else 0
