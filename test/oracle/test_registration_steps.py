@@ -35,8 +35,9 @@ def rng(request):
 
 
 @pytest.mark.parametrize('map_size', [1, 200, 70_000])
-def test_the_errors_are_the_distances_from_the_lines_of_the_nearest_points(rng, map_size):
+def test_the_errors_are_the_distances_from_the_lines_of_the_nearest_points(map_size):
     """Nearest up to a cell, with indices of one, two and four bytes."""
+    rng = np.random.default_rng(map_size)
     around, points = oriented_points(rng, map_size), oriented_points(rng, 180)
     field, pose = build_likelihood_field(around, P.density), SE2.from_array(rng.normal(0.0, 0.3, 3))
     found = fit(pose.as_array(), points, field, 0.5)

@@ -4,7 +4,6 @@
 Each command runs in a process of its own in which `rosbags` is hidden.
 """
 import importlib.util
-import json
 import os
 import sqlite3
 import subprocess
@@ -19,29 +18,6 @@ from dbscan_reg_ros.recordings.conversion import write_log
 from dbscan_reg_ros.recordings.recording import Record
 
 pytest.importorskip('rclpy', reason='needs ROS 2 (rclpy)')
-
-PUBLISHED = {
-    'ConverterOptions': '(input_serialization_format, output_serialization_format)',
-    'Info.read_metadata': '(self, arg0, arg1)',
-    'SequentialCompressionReader.open': '(self, arg0, arg1)',
-    'SequentialReader.has_next': '(self)',
-    'SequentialReader.open': '(self, arg0, arg1)',
-    'SequentialReader.read_next': '(self)',
-    'SequentialReader.set_filter': '(self, arg0)',
-    'SequentialWriter.close': '(self)',
-    'SequentialWriter.create_topic': '(self, arg0)',
-    'SequentialWriter.open': '(self, arg0, arg1)',
-    'SequentialWriter.write': '(self, arg0, arg1, arg2)',
-    'StorageFilter': '(topics, topics_regex, topics_regex_to_exclude)',
-    'StorageOptions': '(uri, storage_id, max_bagfile_size, max_bagfile_duration, max_cache_size, '
-                      'storage_preset_profile, '
-                      'storage_config_uri, snapshot_mode, start_time_ns, end_time_ns, custom_data)',
-    'TopicMetadata': '(id, name, type, serialization_format, offered_qos_profiles, type_description_hash)',
-    '_storage.QoS': '(history_depth)',
-    '_storage.QoS.reliable': '(self)',
-    '_storage.QoS.transient_local': '(self)',
-}
-"""Signatures of all that we call, from rosbag2's published type stubs (``rosbag2_py/rosbag2_py/*.pyi``)."""
 
 
 @pytest.fixture(scope='module')
@@ -104,21 +80,6 @@ def same(first, second):
                for a, b in zip(first.scans(), second.scans(), strict=True)) and all(
         np.allclose(a, b, atol=1e-8) for known in ('wheel_odometry', 'truth')
         for a, b in zip(getattr(first, known)(), getattr(second, known)(), strict=True))
-
-
-def test_the_stand_in_has_the_published_signatures(root, stand_ins):
-    code = (f'import inspect, json, operator, rosbag2_py, rosbag2_py._storage\n'
-            f'print(json.dumps({{name: list(inspect.signature(operator.attrgetter(name)(rosbag2_py)).parameters)\n'
-            f'                  for name in {list(PUBLISHED)}}}))')
-    printed = subprocess.run([sys.executable, '-c', code], env=environment(root, stand_ins), check=True,
-                             capture_output=True).stdout
-    assert {name: f'({", ".join(names)})' for name, names in json.loads(printed).items()} == PUBLISHED
-
-
-def test_all_that_is_called_of_rosbag2_is_in_the_list_of_published_signatures(root):
-    source = (root / 'dbscan_reg_ros' / 'recordings' / 'bags' / 'with_rosbag2_py.py').read_text()
-    called = {word.split('(')[0] for word in source.split('rosbag2_py.')[1:] if '(' in word.split()[0]}
-    assert called and called <= {name.partition('.')[0] for name in PUBLISHED}
 
 
 def test_a_log_becomes_a_bag_and_a_log_again(command, log, tmp_path):

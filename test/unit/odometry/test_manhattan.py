@@ -109,7 +109,7 @@ def test_a_rotation_on_the_spot_is_corrected_by_the_same_walls():
 
 def test_scans_are_registered_as_if_no_heading_was_corrected():
     world = rooms(0)
-    scans = simulate(world, follow(world.tour[:3]), LIDARS['rplidar_a'], seed=0).scans
+    scans = simulate(world, follow(world.tour[:3]), LIDARS['rplidar_a'], seed=0).scans[:60]
     said = {}
     for drift in (0.0, 0.003):
         odometry = Odometry(Parameters().replace({'advanced.manhattan.heading_drift': drift}))

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks.registration import synthetic
 from rooms import FULL, HALF, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, Parameters, Prior, Scan, ScanError, ScanGeometry, Status, register
@@ -286,32 +285,3 @@ def test_a_wide_search_multiplies_the_hypotheses_and_is_not_repeated():
                 'advanced.selection.preselected': 8, 'advanced.selection.wide_search_factor': 1,
                 'advanced.selection.min_support_ratio': 0.5 * narrow.selection.min_support_ratio}
     assert narrow.widened == narrow.replace(expected)
-
-
-@pytest.fixture(scope='module')
-def trial_of(intel_log):
-    """``trial_of(group, label, seed)``: that trial of ``bench synthetic``."""
-    def trial_of(group, label, seed=0):
-        trial, = (each for each in synthetic.trials(intel_log, seed=seed) if (each.group, each.label) == (group, label))
-        return trial
-    return trial_of
-
-
-def test_a_hypothesis_that_comes_from_far_is_led_all_the_way(trial_of):
-    """A scan with 30 % outliers, whose best hypothesis is 0.2 m off after the coarse refinement."""
-    trial = trial_of('paper_30', '4740', seed=5)
-    found = register(extract_features(trial.reference), extract_features(trial.current))
-    distance, angle = off(found, synthetic.PAPER_MOTION)
-    assert found.status is Status.OK and distance < 0.02 and angle < 0.01
-
-
-def test_where_no_result_is_ok_more_hypotheses_are_looked_at(trial_of):
-    """Scans with 30 % outliers: the true motion is in none of the heaviest clusters, whose scores are low."""
-    trial = trial_of('random_30', '3566')
-    pair = extract_features(trial.reference), extract_features(trial.current)
-    few = Parameters().replace({'advanced.selection.max_clusters': 8})
-    narrow, wide = (register(*pair, few.replace({'advanced.selection.wide_search_factor': factor}))
-                    for factor in (1, 30))
-    assert narrow.status is not Status.OK and off(narrow, trial.truth)[0] > 0.1
-    distance, angle = off(wide, trial.truth)
-    assert distance < 0.02 and angle < 0.01 and wide.score > narrow.score + 0.02

@@ -110,8 +110,8 @@ def test_ranges_agree_with_shapely_over_1000_random_beams():
 ], ids=['plain', 'mounted', 'clockwise'])
 def test_truth_lays_every_return_on_a_surface(lidar):
     world = rooms(1)
-    result = simulate(world, follow(world.tour[:3]), lidar)
-    assert len(result.scans) == len(result.truth) == len(result.stamps) > 50
+    result = simulate(world, follow(world.tour[:2]), lidar)
+    assert len(result.scans) == len(result.truth) == len(result.stamps) > 20
     for scan, pose in zip(result.scans, result.truth, strict=True):
         assert on_surfaces(world, SE2.from_array(pose).apply(scan.points[scan.valid])).max() < 1e-5
 
@@ -166,7 +166,7 @@ def test_ranges_beyond_the_limits_are_missing_and_others_are_rounded():
 
 def test_the_same_seed_gives_the_same_scans_and_another_seed_other_noise():
     world = hall(0)
-    path = follow(world.tour[:2])
+    path = follow(world.tour[:2]).until(2.0)
     first, again, other = (simulate(world, path, seed=seed) for seed in (5, 5, 6))
     for a, b in zip(first.scans, again.scans, strict=True):
         np.testing.assert_array_equal(a.ranges, b.ranges)
