@@ -204,14 +204,14 @@ def test_small_objects_with_space_on_both_sides_are_detached(seed, closed):
     cut = [k for k in range(240) if abs(own[k] - own[k - 1]) > margin and (k or closed)]
     groups = ([list(range(a, b)) for a, b in zip(cut, [*cut[1:], cut[0] + 240], strict=True)] if closed
               else [list(range(a, b)) for a, b in zip([0, *cut], [*cut, 240], strict=True)])
-    expected = np.zeros(240, dtype=bool)
+    expected = np.zeros(240)
     for group in groups:
         index = [k % 240 for k in group]
         sides = [radius[(index[0] - 1) % 240] if closed or index[0] else math.inf,
                  radius[(index[-1] + 1) % 240] if closed or index[-1] < 239 else math.inf]
         extent = abs(complex(np.ptp(own[index].real), np.ptp(own[index].imag)))
-        expected[index] = (extent < size and sides[0] > radius[index[0]] + margin
-                           and sides[1] > radius[index[-1]] + margin)
+        expected[index] = len(index) * (extent < size and sides[0] > radius[index[0]] + margin
+                                        and sides[1] > radius[index[-1]] + margin)
     assert 0 < np.count_nonzero(expected) < 40
     np.testing.assert_array_equal(detached_points(points, size, margin, closed), expected)
 

@@ -14,6 +14,8 @@ from ..geometry.plane cimport distance, length_of, modulus
 from .lookup cimport Slot, Slots
 
 cdef double TINY = tolerance.TINY
+# A movable object is one observation: its points share its motion, and weigh together at most as this many static ones.
+cdef double OBJECT_WEIGHT = 0.5
 # If more than this fraction of a group of neighbouring points lie in free space, all its points are dynamic.
 cdef double MIN_RUN_RATIO = 0.3
 # If at least this fraction of the static points of a scan would be dynamic, only points in free space are.
@@ -42,32 +44,34 @@ def without_dynamic_points(features, pose, window, parameters, sensor=''):
     features, candidates = _remove_dynamic(features, pose, window.of_sensor(sensor), parameters)
     walls = features.wall_points
     movable = candidates.nonzero()[0]
+    sizes = candidates[movable]
     if len(movable) and information_ratio(walls, movable) < p.movable_information_ratio:
-        movable = movable[:0]
+        movable, sizes = movable[:0], sizes[:0]
     if features.poles:
-        movable = np.concatenate((movable, np.arange(len(walls), len(features.oriented_points))))
+        poles = np.arange(len(walls), len(features.oriented_points))
+        movable, sizes = np.concatenate((movable, poles)), np.concatenate((sizes, np.ones(len(poles))))
     if not len(movable):
         return features
     points = features.oriented_points.select(movable)
     confirmed = confirm(window, pose, points, p.static_baseline, parameters.refinement.score_scale,
                         parameters.density)
-    return features.downweighted(movable, np.maximum(confirmed, p.movable_weight))
+    return features.downweighted(movable, np.maximum(confirmed, np.minimum(p.movable_weight, OBJECT_WEIGHT / sizes)))
 
 
 def _remove_dynamic(features, pose, window, parameters):
-    """Remove the dynamic points; also return which of the remaining wall points are movable."""
+    """Remove the dynamic points; also return the `detached_points` of the remaining walls, those beside dynamic ones 1."""
     p, walls = parameters.odometry, features.wall_points
     points = features.oriented_points
     movable = detached_points(walls, p.movable_size, p.dynamic_margin, features.measured.geometry.closed)
     if not p.dynamic_key_frames:
         return features, movable
     static = np.ones(len(points), dtype=bool)
-    static[:len(walls)] = ~movable
+    static[:len(walls)] = movable == 0
     dynamic = dynamic_points(points, pose, window, p.dynamic_key_frames, p.dynamic_margin, static)
     if not dynamic.any():
         return features, movable
     removed = dynamic[:len(walls)]
-    movable = (movable | beside(walls, removed, p.dynamic_margin))[~removed]
+    movable = np.maximum(movable, beside(walls, removed, p.dynamic_margin))[~removed]
     return features.without(dynamic), movable
 
 
@@ -160,7 +164,7 @@ cdef contains(OrientedPoints points, pose, Slots slots, Py_ssize_t frames, doubl
 
 
 def detached_points(OrientedPoints points, double size, double margin, bint closed):
-    """Determine which points belong to small detached objects: free space, or the end of the scan, is on both sides.
+    """Count the points of small detached objects: free space, or the end of the scan, is on both sides.
 
     Parameters
     ----------
@@ -175,12 +179,13 @@ def detached_points(OrientedPoints points, double size, double margin, bint clos
 
     Returns
     -------
-    (P,) bool
+    (P,) float
+        Number of points of the object that each point belongs to; 0 for those of other surfaces.
     """
     cdef const double complex[::1] own = points.points_view
     cdef Py_ssize_t count = own.shape[0], shift = 0, start, end, k, seen = 0
-    detached = np.zeros(count, dtype=bool)
-    cdef unsigned char[::1] flag = detached
+    detached = np.zeros(count)
+    cdef double[::1] counted = detached
     cdef double near_before, near_after
     cdef bint joined
     if not count:
@@ -205,7 +210,7 @@ def detached_points(OrientedPoints points, double size, double margin, bint clos
             if (extent(own, start, end - seen) < size and near_before > modulus(own[start]) + margin
                     and near_after > modulus(own[(end + shift - 1) % count]) + margin):
                 for k in range(seen, end):
-                    flag[(k + shift) % count] = True
+                    counted[(k + shift) % count] = end - seen
             seen = end
     return detached
 

@@ -82,10 +82,10 @@ class OdometryParameters(ParameterGroup):
              'only runs if the standard deviation of the predicted translation is smaller than this. Larger values '
              'leave out fewer points; smaller values also leave out static points.')
     movable_size: float = parameter(
-        1.1, unit='m', bounds=(0.0, 100.0), case='courses leader, passers',
-        help='An object smaller than this is treated as movable, such as a person, if the ranges on both sides of it '
-             'are larger, or if the scan ends there. Larger values reduce the weight of more objects; 0 treats no '
-             'object as movable.')
+        2.0, unit='m', bounds=(0.0, 100.0), case='symptom: standstill or jumps of the pose beside people and vehicles',
+        help='An object smaller than this is treated as movable, such as a person or a vehicle, if the ranges on both '
+             'sides of it are larger, or if the scan ends there. Larger values reduce the weight of more objects; 0 '
+             'treats no object as movable.')
     movable_weight: float = parameter(
         0.03, bounds=(0.0, 1.0), case='symptom: jumps of the pose while people walk by',
         help='Weight of a point of a movable object until it is confirmed as static. Larger values let people disturb '

@@ -139,7 +139,8 @@ def test_small_detached_objects_are_movable_and_walls_are_not(bearing):
     features = extract_features(scan)
     cloud, theirs = features.oriented_points, hidden[features.beams[features.normals.any(axis=1)]]
     free = detached_points(cloud, 1.1, 0.2, closed=True)
-    assert 20 < np.count_nonzero(theirs) < np.count_nonzero(free) + 5 and theirs[free].all()
+    assert 20 < np.count_nonzero(theirs) < np.count_nonzero(free) + 5 and theirs[free > 0].all()
+    assert (free[free > 0] == np.count_nonzero(free)).all()
     assert not detached_points(cloud, 0.3, 0.2, closed=True).any()
     assert not detached_points(cloud.select(~theirs), 1.1, 10.0, closed=True).any()
 
@@ -151,10 +152,23 @@ def test_at_the_end_of_a_scan_the_neighbour_counts_as_farther():
     cloud, theirs = features.oriented_points, hidden[features.beams[features.normals.any(axis=1)]]
     first, last = theirs.nonzero()[0][[0, -1]]
     half = slice(first - 5, (first + last) // 2)
-    assert detached_points(cloud.select(half), 1.1, 0.2, closed=False).tolist() == theirs[half].tolist()
+    sizes = detached_points(cloud.select(half), 1.1, 0.2, closed=False)
+    assert sizes.tolist() == (theirs[half] * np.count_nonzero(theirs[half])).tolist()
     beside = np.concatenate((np.arange(first, last + 4), np.arange(first, last + 1)))
-    assert detached_points(cloud.select(beside), 1.1, 0.2, closed=False).tolist() == theirs[beside].tolist()
+    assert (detached_points(cloud.select(beside), 1.1, 0.2, closed=False) > 0).tolist() == theirs[beside].tolist()
     assert not len(detached_points(cloud.select(slice(0, 0)), 1.1, 0.2, closed=False))
+
+
+def test_an_object_weighs_no_more_the_more_points_show_it():
+    """All points of a person together weigh as half a point of a wall."""
+    scan, _ = with_person(look(outline(L_ROOM), THERE, FULL, noise=0.0), 0.4)
+    features = extract_features(scan)
+    detached = detached_points(features.oriented_points, 1.1, 0.2, closed=True) > 0
+    window = KeyFrameWindow((KeyFrame(features, SE2()),))
+    every = dataclasses.replace(Parameters(), odometry=dataclasses.replace(
+        Parameters().odometry, movable_information_ratio=0.0))
+    weights = without_dynamic_points(features, SE2(), window, every).oriented_points.weights
+    assert np.count_nonzero(detached) > 20 and weights[detached].sum() == pytest.approx(0.5)
 
 
 def test_points_seen_from_elsewhere_at_the_same_place_are_static():
