@@ -17,9 +17,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_recording(parser, {'action': 'append', 'required': True, 'help': 'topic of the scans of a lidar, first that '
                            'of the first lidar; given at least twice'})
     parser.add_argument('--mounting', action='append', nargs='+', metavar='WORD', help='TOPIC X Y DEG [upside_down]: '
-                        'pose of the lidar of a topic on the base [m, m, deg]; for further lidars a guess is enough: '
-                        'after 4 m of the drive it is also searched for far from the guess; may be repeated (default: '
-                        'laser_pose of the lidar in the parameter file, else that of the recording, as for replay)')
+                        'pose of the lidar of a topic on the base [m, m, deg]; for further lidars a guess is enough; '
+                        'may be repeated (default: laser_pose of the lidar in the parameter file, else that of the '
+                        'recording, as for replay)')
     add_parameters(parser)
     parser.add_argument('--json', type=Path, metavar='FILE', help='also write the results to this file')
     return run(parser, calibrate, argv)

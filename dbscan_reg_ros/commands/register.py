@@ -146,7 +146,7 @@ def _used(several):
     """Return the names of the parameters that have an effect on a pair of one lidar, or of `several`."""
     from ..robot.parameters import CLOUDS, METHOD, REPLAYED
 
-    names = REPLAYED - {'odom_frame', 'calibrate_mountings'} | {'scan_topics'} if several else METHOD | CLOUDS
+    names = REPLAYED - {'odom_frame'} | {'scan_topics'} if several else METHOD | CLOUDS
     return [name for name in names if not name.removeprefix(ADVANCED).startswith(OF_A_DRIVE)]
 
 

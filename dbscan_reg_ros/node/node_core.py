@@ -12,7 +12,6 @@ from rclpy.node import Node
 from ..core.errors import DbscanRegError
 from ..core.geometry.mounting import Mounting
 from ..core.geometry.se2 import SE2
-from ..core.odometry.calibration.comparisons import LidarComparisons
 from ..core.odometry.pipeline import Odometry
 from ..core.odometry.records import OdometryUpdate
 from ..core.registration.records import Status
@@ -60,8 +59,7 @@ class NodeCore:
         self._node = node
         self._live = live
         self._entities = GraphEntities(node)
-        comparisons = LidarComparisons(calibrate=parameters.calibrate_mountings)
-        self._odometry = Odometry(parameters.for_odometry(), comparisons=comparisons)
+        self._odometry = Odometry(parameters.for_odometry())
         self._log = ThrottledLog(node.get_logger())
         self._sender = TransformSender(node, parameters)
         self._listener = TransformListener(

@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibration of the lidars of a recording: mounting and time offset of each relative to the first."""
 import math
+from collections import defaultdict
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..core.errors import DbscanRegError, ScanError
 from ..core.geometry.mounting import Mounting
 from ..core.geometry.se2 import SE2
-from ..core.odometry.calibration.compared_lidar import PROBABLE, ComparedLidar, Disagreement, difference
+from ..core.odometry.calibration.compared_lidar import ComparedLidar
 from ..core.odometry.calibration.comparisons import LidarComparisons
+from ..core.odometry.calibration.relative_pose import Disagreement, difference
 from ..core.odometry.pipeline import Odometry
 from .sensor_mounting import prepared
 from .several_lidars.odometry_with_others import OdometryWithOthers
@@ -21,6 +23,10 @@ UNITS = 'm', 'm', 'deg', 's'
 DIGITS = 4, 4, 3, 4
 _MOST = 10_000
 """Number of the last scans of a lidar that the estimate uses."""
+_EVERY, _FEWEST = 5, 8
+"""One scan of so many is registered without a guess, and least number of those that have to agree."""
+_NEAR = 0.3, math.radians(8.0)
+"""Differences of mountings [m, rad] within which a location that begins with one of them finds the other."""
 
 
 class CalibrationError(DbscanRegError):
@@ -54,7 +60,7 @@ class CalibratedLidar:
     turned : float [rad]
         Distance and rotation over which they were compared.
     error : Disagreement
-        By how much the given values differ, by more than 2 cm, 0.5 deg or 10 ms and two standard deviations.
+        By how much the given values differ, by more than 1 cm, 0.3 deg or 10 ms and two standard deviations.
     """
 
     topic: str
@@ -129,7 +135,7 @@ def calibrate_lidars(recording, mounting, others, parameters, progress=iter) -> 
     mounting : Mounting
         Its mounting, which counts as right.
     others : list of FurtherLidar
-        Their mountings may be wrong by about 0.3 m and 10 deg, on longer drives by any amount.
+        Their mountings may be far off.
     parameters : NodeParameters
     progress : callable
         Function that passes on the scans of the first lidar.
@@ -147,30 +153,79 @@ def calibrate_lidars(recording, mounting, others, parameters, progress=iter) -> 
         if other.recording.mounting:
             raise CalibrationError(f'{other.recording.path}: {other.recording.topic} has point clouds; expected laser '
                                    'scans: only the first lidar may have point clouds')
-    comparisons = LidarComparisons(spacing=0.0, only=True, most=_MOST)
+    comparisons = _compared(recording, mounting, others, parameters, progress)
+    guessed = [_moved(other, mounting, comparisons.far_off(other.recording.topic)) for other in others]
+    if guessed != others:
+        comparisons = _compared(recording, mounting, guessed, parameters, progress)
+    return [_calibrated(comparisons.lidars.get(other.recording.topic), other, given, mounting,
+                        parameters.input_of(other.recording.topic).time_offset[0])
+            for other, given in zip(guessed, others, strict=True)]
+
+
+class _Comparisons(LidarComparisons):
+    """Comparisons that use no further lidar, and register some of its scans without a guess, too."""
+
+    def __init__(self) -> None:
+        super().__init__(spacing=0.0, only=True, most=_MOST)
+        self._found: defaultdict[str, list[SE2]] = defaultdict(list)
+        self._count = 0
+
+    def add(self, update, locate):
+        """Add the `update` of a scan."""
+        super().add(update, locate)
+        if update.sensor.rank:
+            self._count += 1
+            location = locate(update, guess=False) if not self._count % _EVERY else None
+            if location:
+                self._found[update.sensor.name].append(update.pose.inverse() @ location.pose)
+
+    def far_off(self, topic) -> SE2 | None:
+        """Return the mounting of a lidar that most of its scans show, if the given one is far from it."""
+        found = self._found[topic]
+        near = max(([other for other in found if _is_near(each, other)] for each in found), key=len, default=[])
+        if len(near) <= max(_FEWEST, len(found) // 2) or _is_near(self.lidars[topic].given, near[0]):
+            return None
+        return near[0] @ SE2.from_array(np.mean([(near[0].inverse() @ each).as_array() for each in near], axis=0))
+
+
+def _is_near(a: SE2, b: SE2) -> bool:
+    """Whether a location that begins with one of two mountings can find the other."""
+    motion = a.inverse() @ b
+    return math.hypot(motion.x, motion.y) < _NEAR[0] and abs(motion.theta) < _NEAR[1]
+
+
+def _moved(other, first, pose):
+    """Return a lidar, mounted at a `pose` in the frame of the `first` one instead, unless that is None."""
+    if pose is None:
+        return other
+    mounting = Mounting(first.aligned_pose @ pose @ SE2(theta=other.mounting.pose.theta), other.mounting.upside_down)
+    return replace(other, mounting=mounting)
+
+
+def _compared(recording, mounting, others, parameters, progress) -> _Comparisons:
+    """Return the comparisons of the further lidars over a recording."""
+    comparisons = _Comparisons()
     odometry = OdometryWithOthers(Odometry(parameters.for_odometry(), comparisons=comparisons), others,
                                   recording.topic, mounting, parameters)
     for scan in prepared(progress(recording.scans()), mounting, parameters.input_of(recording.topic)):
         with suppress(ScanError):
             odometry.process(scan)
-    return [_calibrated(comparisons.lidars.get(other.recording.topic), other, mounting,
-                        parameters.input_of(other.recording.topic).time_offset[0]) for other in others]
+    return comparisons
 
 
-def _calibrated(compared: ComparedLidar | None, other, first, time_offset) -> CalibratedLidar:
-    """Return the results for one lidar."""
+def _calibrated(compared: ComparedLidar | None, other, given, first, time_offset) -> CalibratedLidar:
+    """Return the results for one lidar, compared as `other`, with the mounting that was `given`."""
     topic = other.recording.topic
     if compared is None or not compared.known:
         count = len(compared.comparisons) if compared else 0
         raise CalibrationError(
             f'{other.recording.path}: only {count} scans of {topic} could be compared with the map of the first lidar; '
-            'check whether both see the same walls, and upside_down; if the mounting is wrong by more than 0.3 m or '
-            '10 deg, the drive must be longer, as it is searched for after 4 m')
-    estimate = compared.judge()
+            'check whether both see the same walls, and upside_down')
+    estimate = compared.estimate
     # The scans are rotated by the given yaw, so the estimate contains its error only.
     pose = first.aligned_pose @ estimate.pose @ SE2(theta=other.mounting.pose.theta)
     return CalibratedLidar(
-        topic, other.recording.frame_id, first, other.mounting, Mounting(pose, other.mounting.upside_down),
+        topic, other.recording.frame_id, first, given.mounting, Mounting(pose, other.mounting.upside_down),
         time_offset, time_offset + estimate.time_offset, estimate.sigmas, estimate.observable,
         len(compared.comparisons), compared.driven, compared.turned,
-        difference(compared.given, 0.0, estimate, PROBABLE))
+        difference(given.mounting.pose, estimate._replace(pose=pose)))

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The odometry of a replay: with the scans of several lidars and the recorded wheel odometry, as in the node."""
 from ..core.geometry.se2 import SE2
-from ..core.odometry.calibration.comparisons import LidarComparisons
 from ..core.odometry.pipeline import Odometry
 from ..core.sensor import FIRST
 from ..robot.external_prior import measured_prior, sensor_prior
@@ -35,9 +34,7 @@ def replay_odometry(parameters, others, topic, mounting, wheels, bodies=None):
     bodies : OwnBodies, optional
         Receives each scan.
     """
-    base = mounting.aligned_pose.inverse()
-    comparisons = LidarComparisons(calibrate=parameters.calibrate_mountings, base=base)
-    odometry = Odometry(parameters.for_odometry(), comparisons=comparisons)
+    odometry = Odometry(parameters.for_odometry())
     if bodies:
         odometry = bodies.watching(odometry)
     if wheels:

@@ -32,7 +32,7 @@ METHOD = frozenset(each.name for each in Parameters.describe())
 CLOUDS = frozenset({'input.type', 'input.height_min', 'input.height_max', 'input.bearing_step'})
 """Full names of the parameters that only point clouds need."""
 REPLAYED = METHOD | CLOUDS | {'odom_frame', 'base_frame', 'mounting', 'laser_pose', 'upside_down', 'input.mask',
-                              'input.mask_range', 'input.time_offset', 'sensors', 'calibrate_mountings'}
+                              'input.mask_range', 'input.time_offset', 'sensors'}
 """Full names of the parameters that a replay uses."""
 NO_TOPICS = ('scan',)
 """Value of ``scan_topics`` if it is not given."""
@@ -87,11 +87,6 @@ class NodeParameters(Parameters):
         help='Pose of the laser on the base: x [m], y [m] and yaw [rad]. Used only if mounting is laser_pose.')
     upside_down: bool = parameter(
         False, read_only=True, help='If true, the laser is mounted upside down. Used only if mounting is laser_pose.')
-    calibrate_mountings: bool = parameter(
-        False, read_only=True,
-        help='If true, the estimated mounting of a further lidar replaces the given one, if it differs by 2 cm or 0.5 '
-             'deg. The estimate needs 20 m of driving and 180 deg of turns. The first lidar counts as right. The log '
-             'has the value to put into the URDF. If false, a lidar with a wrong mounting is not used.')
     input: InputParameters = dataclasses.field(default_factory=InputParameters)
     prior: NodePriorParameters = dataclasses.field(default_factory=NodePriorParameters)
     path: PathParameters = dataclasses.field(default_factory=PathParameters)

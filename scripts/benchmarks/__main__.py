@@ -137,8 +137,8 @@ def add_sensors(command):
 
 def add_lidars(command):
     """Add the options of ``bench lidars``."""
-    command.add_argument('--only', nargs='+', choices=('wrong', 'wheels', 'body', 'number', 'silent'),
-                         help='only these tables: a wrong second lidar, a wrong first one with wheels, own body and '
+    command.add_argument('--only', nargs='+', choices=('wrong', 'body', 'number', 'silent'),
+                         help='only these tables: a wrong second or first lidar, own body and '
                          'cross-talk, number of lidars, one lidar silent for a while')
     command.add_argument('--seeds', type=positive, default=5, metavar='N',
                          help='drives of each kind in the last three tables (default: 5)')

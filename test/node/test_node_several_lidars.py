@@ -18,9 +18,8 @@ from two_lidars import FRONT, REAR, drive_of_two_lidars
 
 from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.calibration.compared_lidar import ComparedLidar, Disagreement
-from dbscan_reg_ros.core.odometry.calibration.relative_pose import RelativePose
-from dbscan_reg_ros.core.odometry.calibration.wheels import Wrong
+from dbscan_reg_ros.core.odometry.calibration.compared_lidar import ComparedLidar
+from dbscan_reg_ros.core.odometry.calibration.relative_pose import Comparison, RelativePose
 from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.interfaces.lidar import Lidar, OdometryTrigger
 from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_to_message
@@ -315,49 +314,47 @@ def test_a_further_lidar_whose_stamps_start_again_resets_nothing(start_command, 
     assert math.hypot(pose_of(last).x - true.x, pose_of(last).y - true.y) < 0.03
 
 
-def test_a_lidar_that_disagrees_is_named_and_logged_once_with_what_to_do(peer, capfd):
+def compared(given, estimate, late=0.0):
+    """A lidar whose scans show another mounting and stamps that are late [s]."""
+    found = Comparison(estimate, 1e-6 * np.eye(3), np.zeros(3), np.eye(3), 0)
+    return ComparedLidar(given, deque([found] * 30), disagrees=True,
+                         _estimate=RelativePose(estimate, -late, 1e-6 * np.eye(4)))
+
+
+def test_two_lidars_that_disagree_are_both_named_and_logged_once_with_what_to_do(peer, capfd):
     """Mounted with a yaw of 90 deg, which is wrong by 3 deg, and stamped 60 ms late, 20 ms of which are corrected."""
-    front, rear = (Lidar(f'{name}/scan', True, peer.node, None) for name in ('front', 'rear'))
+    front, rear = (Lidar(f'{name}/scan', True, peer.node, None, rank) for rank, name in enumerate(('front', 'rear')))
     rear.input = dataclasses.replace(rear.input, time_offset=[-0.02])
     rear.counters.mounting = Mounting(SE2(-0.4, 0.2, math.radians(90.0)))
-    estimate = RelativePose(SE2(-0.36, 0.23, math.radians(-3.0)), -0.04, np.eye(4))
-    rear.counters.compared = ComparedLidar(SE2(-0.4, 0.2), deque(), estimate=estimate, error=Disagreement(
-        0.05, math.radians(-3.0), -0.04))
+    rear.counters.compared = compared(SE2(-0.4, 0.2), SE2(-0.36, 0.23, math.radians(-3.0)), late=0.04)
     disagreements = Disagreements()
-    expected = ('/rear/scan: disagrees with the first lidar: its mounting is off by 5.0 cm and 3.0 deg and its stamps '
-                'are off by 40 ms')
-    assert [list(disagreements.found([front, rear])) for _ in range(2)] == [[expected]] * 2
+    expected = ['/front/scan: disagrees with the other lidar, and one of both is wrong: its mounting is off by ',
+                '/rear/scan: disagrees with the first lidar, and one of both is wrong: its mounting is off by 5.0 cm '
+                'and 3.0 deg and its stamps are off by 40 ms']
+    for _ in range(2):
+        found = list(disagreements.found([front, rear]))
+        assert [text.startswith(begin) for text, begin in zip(found, expected, strict=True)] == [True, True]
     logged = capfd.readouterr().err
-    assert logged.count('disagrees') == 1 and logged.endswith(
-        f'{expected}; it is not used until it agrees; if the first one is right, set its transform to x -0.360 m, '
+    assert logged.count('disagrees') == 2 and logged.endswith(
+        f'{expected[1]}; it is not used until it agrees; set its transform to x -0.360 m, '
         'y 0.230 m, yaw 1.5184 rad (87.00 deg) and set input.time_offset of it to -0.060\n')
-    rear.counters.compared.used = estimate.pose
-    list(Disagreements().found([front, rear]))
-    assert f'{expected}; its estimated mounting is used; if the first one is right, set' in capfd.readouterr().err
-    rear.counters.compared.wrong = Wrong.FURTHER
-    assert next(iter(Disagreements().found([front, rear]))).startswith(
-        '/rear/scan: disagrees with the first lidar, which agrees with the wheels: its mounting is off by ')
-    assert 'its estimated mounting is used; set its transform to ' in capfd.readouterr().err
-    rear.counters.compared.wrong = Wrong.FIRST
-    rear.counters.compared.estimate = estimate._replace(covariance=1e-6 * np.eye(4))
-    assert next(iter(Disagreements().found([front, rear]))).startswith(
-        '/front/scan: disagrees with the other lidar, which agrees with the wheels: its mounting is off by ')
-    assert 'the others are not used until they agree with it; set its transform to ' in capfd.readouterr().err
-    rear.counters.compared = dataclasses.replace(rear.counters.compared, apart=-2.04)
+    assert 'the others are not used until they agree with it; set its transform to x ' in logged
+    (key, value), = disagreements.estimates([front, rear])
+    assert key == '/rear/scan: mounting and time offset by the scans'
+    assert value == ('x -0.360 +- 0.001 m, y 0.230 +- 0.001 m, yaw 87.00 +- 0.06 deg, -0.060 +- 0.001 s')
+    rear.counters.compared.apart = -2.04
     assert disagreements.clocks([front, rear]) == ['/rear/scan: its clock is 2.0 s behind that of the first lidar']
     assert 'it is not used; synchronise the clocks' in capfd.readouterr().err
-    rear.counters.compared.error = None
+    rear.counters.compared.disagrees = False
     assert not list(disagreements.found([front, rear]))
-    # A lidar that was never used over 20 m and 180 deg is named, too.
-    rear.counters.compared = ComparedLidar(SE2(-0.4, 0.2), deque(), driven=21.0, turned=3.0)
+    # A lidar of which hardly a scan was located over a long drive is named, too.
+    rear.counters.compared = ComparedLidar(SE2(-0.4, 0.2), deque(), driven=16.0, turned=3.0)
     assert not list(disagreements.found([front, rear]))
-    rear.counters.compared.turned = 3.2
+    rear.counters.compared.turned = 4.2
     expected = '/rear/scan: is not used, as its scans do not fit the map of the first lidar: check the transforms '
     assert [text.startswith(expected) for text in (*disagreements.found([front, rear]),
                                                    *disagreements.found([front, rear]))] == [True, True]
     assert capfd.readouterr().err.count(expected) == 1
-    rear.counters.compared.on_trial = False
-    assert not list(disagreements.found([front, rear]))
 
 
 def test_a_lidar_that_sees_the_robot_is_named_and_logged_once_with_its_mask(peer, capfd):
@@ -379,12 +376,11 @@ def test_a_lidar_that_sees_the_robot_is_named_and_logged_once_with_its_mask(peer
 
 def test_the_first_of_three_lidars_is_named_if_all_others_disagree_with_it_alike(peer, capfd):
     """The base seems to be 5 cm to the left for the others: the first lidar is 5 cm to the right of its transform."""
-    lidars = [Lidar(f'{name}/scan', True, peer.node, None) for name in ('front', 'left', 'right')]
+    lidars = [Lidar(f'{name}/scan', True, peer.node, None, rank)
+              for rank, name in enumerate(('front', 'left', 'right'))]
     lidars[0].counters.mounting = Mounting(SE2(0.4, 0.0, math.radians(90.0)))
     for lidar, given in zip(lidars[1:], (SE2(0.0, 0.3), SE2(0.0, -0.3)), strict=True):
-        lidar.counters.compared = ComparedLidar(
-            given, deque(), estimate=RelativePose(SE2(0.0, 0.05) @ given, 0.0, 1e-6 * np.eye(4)),
-            error=Disagreement(0.05, 0.0, 0.0))
+        lidar.counters.compared = compared(given, SE2(0.0, 0.05) @ given)
     disagreements = Disagreements()
     expected = '/front/scan: disagrees with all others, which agree with each other: its mounting is off by 5.0 cm'
     assert [list(disagreements.found(lidars)) for _ in range(2)] == [[expected]] * 2
@@ -434,6 +430,7 @@ def test_lidars_with_names_have_parameters_of_their_own(start_command, peer, dri
     (['-p', 'scan_topics:=[a, b]', '-p', 'mounting:=none'], "expected mounting 'tf' for several lidars"),
     (['-p', 'scan_topics:=[a, b]', '-p', 'input.time_offset:=[0.0, 0.1, 0.2]'],
      'expected one number, or 2: 1 for each topic of scan_topics'),
-    (['-p', 'scan_topics:=[a, a]'], 'expected each topic once')])
+    (['-p', 'scan_topics:=[a, a]'], 'expected each topic once'),
+    (['-p', 'calibrate_mountings:=true'], 'calibrate_mountings is gone: mountings are not changed')])
 def test_lidars_that_cannot_be_used_are_refused(start_command, peer, words, expected):
     said(start_command('scan_matcher', '--ros-args', *words), expected, peer)

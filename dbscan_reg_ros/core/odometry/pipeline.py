@@ -99,19 +99,20 @@ class Odometry:
         if not result.waits:
             motion = result.increment if result.status is Status.OK else None
             self._repeated.used(sensor.name, motion, prior)
-        if not result.repeats:
-            self.comparisons.add(result, self._locate, prior)
+        if self.comparisons.lidars and not result.repeats:
+            self.comparisons.add(result, self.locate)
         return result
 
-    def _locate(self, result: OdometryUpdate, mounting: SE2 | None) -> Location | None:
-        """Locate the scan of a further sensor in the map of the sensors of rank 0, in the published frame."""
+    def locate(self, result: OdometryUpdate, guess: bool = True) -> Location | None:
+        """Locate the latest scan, of a further sensor, in the map of the sensors of rank 0; no effect on the track.
+
+        Its mounting may be wrong by about 0.3 m and 10 deg; without `guess` it is not used.
+        """
         state, window = self._state, self._state.window and self._state.window.of_rank(0)
         if not window:
             return None
-        predicted = None
-        if mounting is not None:
-            elapsed = state.order.time_since_last(result.stamp)
-            predicted = state.motion.moved(state.pose, elapsed) @ mounting
+        elapsed = state.order.time_since_last(result.stamp)
+        predicted = result.sensor.pose_at(state.motion.moved(state.pose, elapsed)) if guess else None
         location = locate(result.features, window, predicted, self._parameters, self._search_parameters)
         return location and location._replace(pose=state.output.corrected(location.pose))
 
@@ -120,13 +121,12 @@ class Odometry:
         state, p = self._state, self._parameters
         # Stamp: when the beams were measured, how long the scan took, and whether its motion can be removed.
         uses = self._uses(scan, sensor)
-        sensor = self.comparisons.mounted(sensor)
         own = self._sensor_state(scan, sensor, uses)
         sent = own.no_return.removed_from(scan)
         scan = own.timing.measured(sent, self._with_limits(sensor.limits).scan)
         timing = own.stamps.timing(scan, p, state.order.time_since_last(scan.stamp))
         # Features of the deskewed scan.
-        twist = timing.ratio * self.comparisons.guessed(sensor).twist_of(state.motion.twist) if timing.deskews else None
+        twist = timing.ratio * sensor.twist_of(state.motion.twist) if timing.deskews else None
         features = self._extract(scan, twist, sensor)
         repeats = self._repeated.add(sensor.name, scan, prior, p.odometry.coast_time)
         since_own = own.stamps.next(scan.stamp, timing.middle_offset(scan, features), p.time, timing.duration)
@@ -179,9 +179,14 @@ class Odometry:
 
     def _uses(self, scan: Scan, sensor: Sensor) -> bool:
         """Whether a scan may change the track; key frames of a sensor that may not are removed."""
-        uses = self.comparisons.uses(sensor, scan.stamp)
+        if not (sensor.rank or self.comparisons.lidars):
+            return True
+        state = self._state
+        first_maps = (state.window is not None and bool(state.window.of_rank(0))
+                      and state.order.time_since_last(scan.stamp) <= self._parameters.odometry.coast_time)
+        uses = self.comparisons.uses(sensor, scan.stamp, first_maps)
         if not uses:
-            update.leave_out(self._state, sensor)
+            update.leave_out(state, sensor)
         return uses
 
     def _waits(self, scan: Scan, sensor: Sensor) -> bool:

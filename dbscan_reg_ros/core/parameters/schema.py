@@ -274,6 +274,9 @@ _FIXED: dict[str, object] = {
     'decision.rival_distance': 0.2, 'decision.rival_angle': 0.09, 'manhattan.wall_sigma': 0.012,
     'manhattan.correlation_distance': 20.0, 'manhattan.direction_sigma': 0.035, 'manhattan.min_aligned_ratio': 0.5}
 """Parameters of earlier versions, without `ADVANCED`, that no sensor, robot or building needs -> their fixed value."""
+_GONE = {'calibrate_mountings': 'mountings are not changed while driving; set the values that the diagnostics and '
+                                'calibrate give'}
+"""Parameters of earlier versions -> why they are gone."""
 
 
 def gone(name: str, names: Collection[str]) -> str:
@@ -282,6 +285,8 @@ def gone(name: str, names: Collection[str]) -> str:
     if name in _OF_PAPER:
         return (f'{name} belongs to the method of the paper, which has no parameters any more; run it with --method '
                 'paper (register, compare)')
+    if name in _GONE:
+        return f'{name} is gone: {_GONE[name]}'
     if plain in _FIXED:
         return f'{name} is no parameter any more: it is {_FIXED[plain]} for every sensor, robot and building'
     return next((f'{name} is now {other}' for other in (plain, f'{ADVANCED}{plain}') if other in names), '')

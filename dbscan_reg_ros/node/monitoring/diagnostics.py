@@ -249,11 +249,12 @@ class Diagnostics:
             yield f'{lidar.label}status failed', str(lidar.counters.statuses[Status.FAILED])
 
     def _estimates(self) -> Iterator[tuple[str, str]]:
-        """Values of the latest registration, and the estimated correction of the wheel odometry."""
+        """Values of the latest registration, and what is estimated of mountings and wheels."""
         latest = self._latest()
         update, direction = latest.update, latest.degenerate_direction
         yield 'overlap', f'{update.registration.overlap:.2f}' if update and update.registration else '-'
         yield 'degenerate direction [rad]', '-' if direction is None else f'{direction:.3f}'
+        yield from self._disagreements.estimates(self._lidars)
         correction = latest.wheel_correction
         if correction is not None:
             yield 'wheel distance scale correction [%]', f'{100.0 * correction[0, 0]:+.1f}'

@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lidars whose scans disagree with those of the first one: named on /diagnostics, and once in the log."""
+"""Lidars whose scans disagree with those of others: named on /diagnostics, and once in the log."""
 import math
 from collections.abc import Iterator, Sequence
 
 from ...core.geometry.se2 import SE2
-from ...core.odometry.calibration.compared_lidar import ComparedLidar
-from ...core.odometry.calibration.majority import UNFIT, described, disagreeing
-from ...core.odometry.calibration.wheels import Wrong
+from ...core.odometry.calibration.odd_one import UNFIT, Named, named
+from ...core.odometry.calibration.relative_pose import RelativePose
 from ..interfaces.lidar import Lidar
 
 
 class Disagreements:
-    """Describes each lidar with a wrong mounting or wrong stamps: relative to the first one, or the first itself."""
+    """Describes each lidar that disagrees with others, and what the scans show about each further one."""
 
     def __init__(self) -> None:
         self._logged: set[str] = set()
@@ -32,13 +31,11 @@ class Disagreements:
 
     def found(self, lidars: Sequence[Lidar]) -> Iterator[str]:
         """Yield a sentence for each lidar that disagrees; log it when it is new, with what to do."""
-        found = disagreeing(lidars[0].counters.mounting.aligned_pose,
-                            [lidar.counters.compared for lidar in lidars[1:]])
-        for lidar, compared in zip(lidars, found, strict=True):
-            is_first = lidar is lidars[0]
-            if compared is not None:
-                text = described(compared, is_first)
-                remedy = f'; {_use(compared, is_first)}{_remedy(lidar, compared)}'
+        compared = [lidar.counters.compared for lidar in lidars[1:]]
+        odd = named(lidars[0].counters.mounting.aligned_pose, compared)
+        for lidar, each in zip(lidars, odd, strict=True):
+            if each is not None:
+                text, remedy = str(each), f'; {_use(lidar)}{_remedy(lidar, each)}'
             elif lidar.counters.compared and lidar.counters.compared.unfit:
                 text, remedy = UNFIT, ''
             else:
@@ -49,24 +46,38 @@ class Disagreements:
                 lidar.log.warn(f'{text}{remedy}')
             yield f'{lidar.label}{text}'
 
+    @staticmethod
+    def estimates(lidars: Sequence[Lidar]) -> Iterator[tuple[str, str]]:
+        """Yield mounting and time offset of each further lidar by the scans, with standard deviations."""
+        for lidar in lidars:
+            compared = lidar.counters.compared
+            if compared and compared.known:
+                x, y, yaw, offset = compared.estimate.sigmas
+                pose, time_offset = _by_scans(lidar, compared.estimate)
+                yield (f'{lidar.label}mounting and time offset by the scans',
+                       f'x {pose.x:.3f} +- {x:.3f} m, y {pose.y:.3f} +- {y:.3f} m, yaw {math.degrees(pose.theta):.2f} '
+                       f'+- {math.degrees(yaw):.2f} deg, {time_offset:.3f} +- {offset:.3f} s')
 
-def _use(compared: ComparedLidar, is_first: bool) -> str:
-    """Return which lidars are used if the first one is wrong, else whether the compared one is."""
-    if is_first:
-        return 'the others are not used until they agree with it; '
-    use = 'its estimated mounting is used' if compared.used != compared.given else 'it is not used until it agrees'
-    return f'{use}; ' if compared.wrong is Wrong.FURTHER else f'{use}; if the first one is right, '
+
+def _use(lidar: Lidar) -> str:
+    """Return which lidars are not used."""
+    return 'it is not used until it agrees; ' if lidar.rank else 'the others are not used until they agree with it; '
 
 
-def _remedy(lidar: Lidar, compared: ComparedLidar) -> str:
+def _by_scans(lidar: Lidar, estimate: RelativePose) -> tuple[SE2, float]:
+    """Return an estimated mounting on the base, and the value for ``input.time_offset`` [s]."""
+    # The scans are rotated by the yaw of the mounting, so the estimate contains its error only.
+    pose = estimate.pose @ SE2(theta=lidar.counters.mounting.pose.theta)
+    return pose, lidar.input.time_offset[0] + estimate.time_offset
+
+
+def _remedy(lidar: Lidar, odd: Named) -> str:
     """Return which transform and which parameter of a `lidar` to set, and to which value."""
-    assert compared.estimate is not None and compared.error is not None
-    remedies, estimate = [], compared.estimate
-    if compared.error.distance or compared.error.rotation:
-        # The scans are rotated by the yaw of the mounting, so the estimate contains its error only.
-        pose = estimate.pose @ SE2(theta=lidar.counters.mounting.pose.theta)
+    pose, time_offset = _by_scans(lidar, odd.estimate)
+    remedies = []
+    if odd.error.distance or odd.error.rotation:
         remedies.append(f'set its transform to x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.theta:.4f} rad '
                         f'({math.degrees(pose.theta):.2f} deg)')
-    if compared.error.time_offset:
-        remedies.append(f'set input.time_offset of it to {lidar.input.time_offset[0] + estimate.time_offset:.3f}')
-    return ' and '.join(remedies)
+    if odd.error.time_offset:
+        remedies.append(f'set input.time_offset of it to {time_offset:.3f}')
+    return ' and '.join(remedies) or 'drive curves and with different speeds, which shows the values to set'

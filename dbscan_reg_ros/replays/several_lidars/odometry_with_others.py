@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from ...core.errors import ScanError
-from ...core.odometry.calibration.majority import UNFIT, described, disagreeing
+from ...core.odometry.calibration.odd_one import UNFIT, named
 from ...core.registration.records import Status
 from ...core.sensor import Sensor
 from .scan_order import in_stamp_order
@@ -104,13 +104,11 @@ class OdometryWithOthers:
 
     def finish(self):
         """Count the scans after the last scan of the first lidar, and name the lidars that disagree."""
-        found = self._odometry.comparisons.lidars
-        for sensor, compared in zip(self._sensors, disagreeing(
-                self._first.pose, [found.get(sensor.name) for sensor in self._sensors[1:]]), strict=True):
-            if compared:
-                remedy = ' (see calibrate)' if sensor.rank else ''
-                self.counts[sensor.name].error = described(compared, not sensor.rank) + remedy
-            elif (lidar := found.get(sensor.name)) and lidar.unfit:
+        compared = [self._odometry.comparisons.lidars.get(sensor.name) for sensor in self._sensors]
+        for sensor, lidar, odd in zip(self._sensors, compared, named(self._first.pose, compared[1:]), strict=True):
+            if odd:
+                self.counts[sensor.name].error = f'{odd} (see calibrate)'
+            elif lidar and lidar.unfit:
                 self.counts[sensor.name].error = UNFIT
         while self._next:
             self.counts[self._take_next()[1].name].unused += 1

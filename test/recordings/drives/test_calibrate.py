@@ -6,7 +6,6 @@ import json
 import math
 import re
 import xml.etree.ElementTree as ElementTree
-from collections import deque
 
 import numpy as np
 import pytest
@@ -15,8 +14,6 @@ from bags import needs_rosbags, scan_bag
 from dbscan_reg_ros.commands.calibrate import main as calibrate
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.calibration.compared_lidar import ComparedLidar
-from dbscan_reg_ros.core.odometry.calibration.comparisons import LidarComparisons
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.scan import SECOND
 from dbscan_reg_ros.core.sensor import Sensor
@@ -120,9 +117,9 @@ def test_replay_and_calibrate_take_three_lidars(drive, path, tmp_path, capsys):
                for topic, each in lidars.items())
 
 
-def driven(drive, path, rear, late, rank, comparisons=None):
+def driven(drive, path, rear, late, rank):
     """Yield each update, and the error [m] of its pose; `late` [ns] are the stamps of the rear lidar."""
-    odometry = Odometry(comparisons=comparisons)
+    odometry = Odometry()
     start = FRONT.inverse() @ SE2.from_array(path.poses_at(np.zeros(1))[0]).inverse()
     sensors = {'/front': Sensor('front'), '/rear': Sensor('rear', FRONT.inverse() @ rear, rank)}
     begin = min(scan.stamp for scans in drive.values() for scan in scans)
@@ -144,19 +141,6 @@ def test_a_lidar_that_disagrees_does_not_spoil_the_odometry(drive, path, rear, l
         return max(error for update, error in driven(drive, path, rear, late, rank) if update.sensor.name == 'front')
     assert largest_error(1) < 0.02
     assert late not in (0, LATE) or (rear is REAR and not late) or largest_error(0) > 0.02
-
-
-@pytest.mark.long
-def test_the_estimated_mounting_is_used_after_a_long_drive_if_that_is_wanted(drive, path):
-    """The drive before these scans was long enough. The rear lidar is used in the end, at its true mounting."""
-    given, comparisons = FRONT.inverse() @ WRONG, LidarComparisons(calibrate=True)
-    lidar = comparisons.lidars['rear'] = ComparedLidar(
-        given, deque(maxlen=200), driven=20.0, turned=2.0 * math.pi, calibrate=True)
-    updates = list(driven(drive, path, WRONG, 0, 1, comparisons))
-    used = [update.sensor for update, _ in updates if update.sensor.name == 'rear'][-20:]
-    assert max(error for _, error in updates) < 0.02 and lidar.error.distance == pytest.approx(0.05, abs=0.005)
-    off = (FRONT.inverse() @ REAR).inverse() @ used[-1].pose
-    assert len(used) == 20 and math.hypot(off.x, off.y) < 0.005 and abs(off.theta) < math.radians(0.1)
 
 
 @pytest.mark.parametrize('dead', ['/front', '/rear'])

@@ -43,10 +43,13 @@ class FirstLidar:
         """Remove all poses."""
         self._poses.clear()
 
-    def is_heard(self, stamp: int) -> bool:
-        """Whether the last pose is at most `_SILENT_AFTER`, or two scan periods, older than a `stamp` [ns]."""
+    def is_heard(self, stamp: int) -> bool | None:
+        """Whether the last pose is at most `_SILENT_AFTER`, or two scan periods, older than a `stamp` [ns].
+
+        None before there are two poses.
+        """
         if len(self._poses) <= 1:
-            return False
+            return None
         (before, _), (last, _) = self._poses[-2], self._poses[-1]
         return stamp - last <= min(max(_SILENT_AFTER, 2 * (last - before)), _LONGEST_WAIT)
 

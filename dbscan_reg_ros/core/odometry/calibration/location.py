@@ -30,15 +30,12 @@ class Location(NamedTuple):
         Covariance of `pose` in the frame of the scan [m, m, rad].
     key_frame : int
         `KeyFrame.number` of the latest key frame of the map.
-    guessed : bool
-        Whether it was predicted from a mounting; False if the scan was registered without a prior.
     """
 
     stamp: int
     pose: SE2
     covariance: FloatArray
     key_frame: int
-    guessed: bool = True
 
 
 def locate(features: Features, window: KeyFrameWindow, predicted: SE2 | None, p: Parameters,
@@ -83,7 +80,7 @@ def locate(features: Features, window: KeyFrameWindow, predicted: SE2 | None, p:
         angle -= pose.theta
         direction = np.array([math.cos(angle), math.sin(angle), 0.0])
         covariance = covariance + _UNCONSTRAINED ** 2 * np.outer(direction, direction)
-    return Location(features.measured.stamp, pose, covariance, frame.number, predicted is not None)
+    return Location(features.measured.stamp, pose, covariance, frame.number)
 
 
 _UNKNOWN_MOUNTING = diagonal(0.15, 0.15, math.radians(4.0)) ** 2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimation of mounting and time offset of a lidar relative to the first one."""
+"""Mounting and time offset of a lidar relative to the first one: their estimate, its error, and how comparisons fit."""
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -63,6 +63,55 @@ class RelativePose(NamedTuple):
         return self.sigmas < LIMITS
 
 
+class Disagreement(NamedTuple):
+    """By how much mounting and time offset of a lidar differ from what the scans show; 0: insignificantly.
+
+    Attributes
+    ----------
+    distance : float [m]
+    rotation : float [rad]
+        Difference of the mounting by the scans from the given one.
+    time_offset : float [s]
+        Time to be added to the stamps.
+    """
+
+    distance: float
+    rotation: float
+    time_offset: float
+
+    def __str__(self) -> str:
+        distance = f'{100.0 * self.distance:.1f} cm' if self.distance else ''
+        rotation = f'{math.degrees(abs(self.rotation)):.1f} deg' if self.rotation else ''
+        mounting = ' and '.join(filter(None, (distance, rotation)))
+        mounting = mounting and f'its mounting is off by {mounting}'
+        stamps = f'its stamps are off by {1e3 * abs(self.time_offset):.0f} ms' if self.time_offset else ''
+        return ' and '.join(filter(None, (mounting, stamps))) or 'its mounting or its stamps are off'
+
+
+def difference(given: SE2, estimate: RelativePose, time_offset: float = 0.0) -> Disagreement:
+    """Return by how much an estimate differs from a `given` mounting and `time_offset` [s].
+
+    What has little effect, or is below two standard deviations, is 0.
+    """
+    x, y, yaw, time = np.maximum(2.0 * estimate.sigmas, _LITTLE)
+    shift = estimate.pose.x - given.x, estimate.pose.y - given.y
+    rotation, late = (given.inverse() @ estimate.pose).theta, estimate.time_offset - time_offset
+    shifted = abs(shift[0]) > x or abs(shift[1]) > y
+    return Disagreement(math.hypot(*shift) if shifted else 0.0, rotation if abs(rotation) > yaw else 0.0,
+                        late if abs(late) > time else 0.0)
+
+
+def misfits(comparisons: Sequence[Comparison], pose: SE2, time_offset: float) -> FloatArray:
+    """Return the chi-square ``(N,)`` of each comparison for a mounting and a time offset [s].
+
+    What has little effect is added to its covariance.
+    """
+    data = _Data.of(comparisons, _LITTLE[:DOF])
+    error, _ = data.linearised(np.array([*pose.as_tuple(), time_offset]))
+    squared: FloatArray = np.einsum('ni,nij,nj->n', error, data.information, error)
+    return squared
+
+
 def estimate_relative_pose(comparisons: Sequence[Comparison], guess: SE2) -> RelativePose:
     """Estimate mounting and time offset by robust least squares over all comparisons.
 
@@ -79,7 +128,7 @@ def estimate_relative_pose(comparisons: Sequence[Comparison], guess: SE2) -> Rel
     guess : SE2
         Mean of the prior for the mounting; its standard deviations are `PRIOR`.
     """
-    data, mean = _Data.of(comparisons), np.array([*guess.as_tuple(), 0.0])
+    data, mean = _Data.of(comparisons, _LEAST), np.array([*guess.as_tuple(), 0.0])
     state, prior = mean.copy(), np.diag(PRIOR ** -2.0)
     for _ in range(_ITERATIONS):
         error, jacobian = data.linearised(state)
@@ -175,12 +224,12 @@ class _Data(NamedTuple):
     groups: NDArray[np.intp]
 
     @classmethod
-    def of(cls, comparisons: Sequence[Comparison]) -> '_Data':
-        """Collect the comparisons."""
+    def of(cls, comparisons: Sequence[Comparison], sigmas: FloatArray) -> '_Data':
+        """Collect the comparisons, with an error of these `sigmas` (x, y, yaw) [m, m, rad] more."""
         relative = np.array([each.relative.as_tuple() for each in comparisons])
         turns = np.array([SE2(theta=each.relative.theta).adjoint() for each in comparisons])
         covariance = turns @ np.array([each.covariance for each in comparisons]) @ turns.transpose(0, 2, 1)
-        information = np.linalg.inv(covariance + np.diag(_LEAST ** 2))
+        information = np.linalg.inv(covariance + np.diag(sigmas ** 2))
         noise = np.array([each.twist_covariance for each in comparisons])
         _, groups = np.unique([each.group for each in comparisons], return_inverse=True)
         return cls(relative, information, np.array([each.twist for each in comparisons]),
@@ -212,6 +261,8 @@ PRIOR = np.array([0.5, 0.5, 0.3, 0.3])
 """Standard deviations of the prior of x, y, yaw and time offset [m, m, rad, s]."""
 LIMITS = np.array([0.05, 0.05, math.radians(1.0), 0.03])
 """A parameter whose standard deviation exceeds this is not observable [m, m, rad, s]."""
+_LITTLE = np.array([0.01, 0.01, math.radians(0.3), 0.01])
+"""Differences of x, y, yaw and time offset that have little effect on the odometry [m, m, rad, s]."""
 _LEAST = np.array([0.002, 0.002, 0.001])
 """Least standard deviations of a comparison [m, m, rad]: the pose of the first lidar is interpolated."""
 _COMMON = np.array([0.004, 0.004, math.radians(0.1)])
