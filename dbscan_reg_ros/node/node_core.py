@@ -18,6 +18,7 @@ from ..core.registration.records import Status
 from ..core.scan import SECOND, in_nanoseconds
 from ..robot.base_state import BaseState, InitialPose, base_state
 from ..robot.parameters import NodeParameters
+from ..robot.scan_buffer import ScanBuffer
 from .frames.mountings import Mountings
 from .frames.transform_sender import TransformSender, transform_type
 from .frames.transforms import TransformListener
@@ -71,7 +72,7 @@ class NodeCore:
         self._lidars = [Lidar(lidar.topic, len(lidars) > 1, node,
                               Mountings(parameters.base_frame, lidar, self._listener), rank)
                         for rank, lidar in enumerate(lidars)]
-        self._callbacks = Callbacks(self._patience, self._on_scan, self._retry_others, self._lidar_of)
+        self._callbacks = Callbacks(self._patience, self._on_scan, self._retry_others, self._lidar_of, ScanBuffer())
         self._trigger = OdometryTrigger(len(lidars), parameters.odom_on == 'all')
         self._outputs = Outputs(node, parameters)
         self._services = Services(node, parameters, self._log, self._reset)
@@ -129,7 +130,7 @@ class NodeCore:
         for inbox in others:
             if lidar.inbox and inbox.source is not lidar.inbox.source:
                 inbox.source.take(lidar.inbox)
-        return given.reorder if any(inbox.has_older(stamp) for inbox in others) else 0.0
+        return given.reorder if lidar.inbox and lidar.inbox.must_wait(stamp) else 0.0
 
     def _followed_frame(self, frame: str) -> str:
         """Name of the frame that the odometry tracks: that of the only lidar, or with several lidars the base frame."""

@@ -15,6 +15,7 @@ from ...recordings.checks.scan_warnings import Kind, ScanWarning
 from ...robot.parameter_groups import LASER_SCAN, InputParameters
 from ...robot.parameters import NodeParameters
 from ...robot.recent_stamps import RecentStamps
+from ...robot.scan_buffer import ScanBuffer
 from ...robot.sensors import name_in_frame
 from ..counters import Counters
 from ..throttled_log import ThrottledLog
@@ -31,12 +32,15 @@ class Callbacks(NamedTuple):
         As in `ScanInbox`, with the lidar as the first argument.
     lidar_of : callable
         ``lidar_of(lidar, frame)`` returns the lidar of a further frame on the topic of `lidar`: it, or another.
+    buffer : ScanBuffer
+        As in `ScanTopic`.
     """
 
     patience: Callable[['Lidar', ScanMessage], float]
     handle: Callable[['Lidar', ScanMessage], None]
     passed: Callable[['Lidar'], None]
     lidar_of: Callable[['Lidar', str], 'Lidar']
+    buffer: ScanBuffer[tuple[ScanMessage, float]]
 
 
 class Lidar:
@@ -131,7 +135,8 @@ class Lidar:
         """Subscribe to the scans, unless a lidar that is subscribed shares its topic."""
         self._callbacks = callbacks
         inbox = self._shares.inbox if self._shares else None
-        source = inbox.source if inbox else ScanTopic(self._node, self._type, self.topic, self._inbox_of)
+        source = inbox.source if inbox else ScanTopic(
+            self._node, self._type, self.topic, self._inbox_of, callbacks.buffer)
         self.inbox = ScanInbox(self._node, self.input, lambda message: callbacks.patience(self, message),
                                lambda message: callbacks.handle(self, message), lambda: callbacks.passed(self), source)
         self.inbox.frame = self.frame

@@ -13,8 +13,8 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 from ...core.scan import SECOND, in_nanoseconds
 from ...robot.mask import corrected_stamp
 from ...robot.parameter_groups import LASER_SCAN, POINT_CLOUD, InputParameters
-from ...robot.recent_stamps import RecentStamps
 from ...robot.revolution import Revolution
+from ...robot.scan_buffer import ScanBuffer
 from ...robot.sensors import name_in_frame
 from ..rclpy_internals import WakingCallbackGroup, taken
 from .endpoints import subscription
@@ -44,6 +44,8 @@ class ScanTopic:
         Name of the topic.
     inbox_of : callable
         ``inbox_of(frame)`` returns the `ScanInbox` of the lidar with this frame.
+    buffer : ScanBuffer
+        Holds the pending scans of all lidars, each with the time [s] of its arrival.
 
     Raises
     ------
@@ -51,8 +53,9 @@ class ScanTopic:
         When the quality of service that the parameters set is invalid.
     """
 
-    def __init__(self, node: Node, kind: str, name: str, inbox_of: Callable[[str], 'ScanInbox']) -> None:
-        self._node, self._inbox_of = node, inbox_of
+    def __init__(self, node: Node, kind: str, name: str, inbox_of: Callable[[str], 'ScanInbox'],
+                 buffer: ScanBuffer[tuple[ScanMessage, float]]) -> None:
+        self._node, self._inbox_of, self.buffer = node, inbox_of, buffer
         self._subscription = subscription(node, TYPES[kind], name, self._on_message, QUALITY)
 
     @property
@@ -113,8 +116,6 @@ class ScanInbox:
     ----------
     received, dropped : int
         Number of scans received or dropped so far.
-    stamps : RecentStamps
-        Stamps of the scans that arrived.
     competition : Competition
         Publishers of the scans.
     frame : str
@@ -125,14 +126,13 @@ class ScanInbox:
                  handle: Callable[[ScanMessage], None], passed: Callable[[], None], source: ScanTopic) -> None:
         self.parameters = parameters
         self.received = self.dropped = 0
-        self.stamps = RecentStamps()
         self._revolution, self._noted = Revolution(), False
         self.frame = ''
         self.competition = Competition(node, source.name)
         self.source, self.passed = source, passed
         self._node = node
         self._patience, self._handle = patience, handle
-        self._pending: deque[tuple[ScanMessage, float]] = deque()
+        self._pending = source.buffer.add_queue()
         self._busy_since: float | None = None
         self._began = self._done = 0
         self._timer = node.create_timer(1.0, self.process_next, callback_group=WakingCallbackGroup(self.has_pending),
@@ -152,10 +152,9 @@ class ScanInbox:
         """Whether a scan waits for its mounting, its external prior or other lidars."""
         return bool(self._pending)
 
-    def has_older(self, stamp: int) -> bool:
-        """Whether a scan with a stamp before `stamp` [ns] is pending, or is due and has not come."""
-        pending = self._pending and in_nanoseconds(self._pending[0][0].header.stamp) < stamp
-        return bool(pending) or self.stamps.expects_before(stamp)
+    def must_wait(self, stamp: int) -> bool:
+        """Whether a scan with a `stamp` [ns] waits for an older one of another lidar, which has come or is due."""
+        return self.source.buffer.must_wait(self._pending, stamp)
 
     def retry_pending(self) -> None:
         """Process the oldest pending scan if it is ready now: what it waits for may have arrived."""
@@ -166,6 +165,7 @@ class ScanInbox:
         """Drop the pending scans."""
         self._node.destroy_timer(self._timer)
         self._pending.clear()
+        self.source.buffer.remove_queue(self._pending)
 
     def process_next(self) -> None:
         """Process the oldest pending scan if it need not wait any longer."""
@@ -173,12 +173,12 @@ class ScanInbox:
         self.source.take(self)
         if not self._pending:
             return
-        message, arrival = self._pending[0]
+        message, arrival = self._pending.first
         remaining = arrival + self._patience(message) - time.monotonic()
         if remaining > 0.0:
             self._retry_after(remaining)
             return
-        self._pending.popleft()
+        self._pending.pop()
         self._handle(message)
         self._done = in_nanoseconds(message.header.stamp)
         self.source.take(self)
@@ -207,13 +207,12 @@ class ScanInbox:
             return
         self._correct_stamp(message)
         stamp, now = in_nanoseconds(message.header.stamp), time.monotonic()
-        self.stamps.add(stamp)
         if self._busy_since is None:
             self._busy_since = now
             self._began = self._done = self._done or stamp
-        self._pending.append((message, now))
+        self._pending.add(stamp, (message, now))
         while len(self._pending) > self.parameters.queue_size and self._is_behind(self._busy_since, now):
-            self._pending.popleft()
+            self._pending.pop()
             self.dropped += 1
 
     def _is_behind(self, since: float, now: float) -> bool:
@@ -221,7 +220,7 @@ class ScanInbox:
 
         They may take ``input.queue_size`` periods longer.
         """
-        allowed = self._done - self._began + self.parameters.queue_size * (self.stamps.period or 0)
+        allowed = self._done - self._began + self.parameters.queue_size * (self._pending.stamps.period or 0)
         return len(self._pending) > MOST or (now - since) * SECOND > allowed
 
     def _correct_stamp(self, message: ScanMessage) -> None:

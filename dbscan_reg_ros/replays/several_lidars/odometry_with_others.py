@@ -9,7 +9,7 @@ from ...core.errors import ScanError
 from ...core.odometry.calibration.odd_one import UNFIT, named
 from ...core.registration.records import Status
 from ...core.sensor import Sensor
-from .scan_order import in_stamp_order
+from ...robot.scan_buffer import RecordedScans
 
 
 @dataclass(eq=False)
@@ -85,8 +85,7 @@ class OdometryWithOthers:
         self._odometry, self._first = odometry, Sensor(first, limits=parameters.lidar(first).scan)
         self.recordings = [other.recording for other in others]
         self._sensors = [self._first, *(other.sensor(mounting, rank) for rank, other in enumerate(others, 1))]
-        self._others = in_stamp_order([other.scans(parameters.input_of(other.recording.topic)) for other in others], 1)
-        self._next = next(self._others, None)
+        self._others = RecordedScans((other.scans(parameters.input_of(other.recording.topic)) for other in others), 1)
         self.counts = {sensor.name: LidarCounts() for sensor in self._sensors}
         self.numbers: list[int] = []
         self._used: dict[int, int] = {}
@@ -94,8 +93,8 @@ class OdometryWithOthers:
 
     def process(self, scan):
         """Process the older scans of the other lidars, then a `scan` of the first lidar; return its update."""
-        while self._next and self._next.scan.stamp < scan.stamp:
-            self._process_next()
+        for other in self._others.before(scan.stamp):
+            self._process_other(other)
         self.numbers.append(len(self.numbers) + self._others_read)
         update = self._process(scan, self._first)
         number = self._used[update.number] = len(self._used)
@@ -110,23 +109,18 @@ class OdometryWithOthers:
                 self.counts[sensor.name].error = f'{odd} (see calibrate)'
             elif lidar and lidar.unfit:
                 self.counts[sensor.name].error = UNFIT
-        while self._next:
-            self.counts[self._take_next()[1].name].unused += 1
+        for other in self._others.before():
+            self.counts[self._sensors[other.lidar].name].unused += 1
 
-    def _take_next(self):
-        """Return the next scan of another lidar and its sensor."""
-        taken, self._next = self._next, next(self._others, None)
+    def _process_other(self, other):
+        """Process a scan of another lidar, which is not used before the first scan of the first lidar."""
+        sensor = self._sensors[other.lidar]
         self._others_read += 1
-        return taken.scan, self._sensors[taken.lidar]
-
-    def _process_next(self):
-        """Process the next scan of another lidar, which is not used before the first scan of the first lidar."""
-        scan, sensor = self._take_next()
         if not self._used:
             self.counts[sensor.name].unused += 1
             return
         with suppress(ScanError):
-            self._process(scan, sensor)
+            self._process(other.scan, sensor)
 
     def _process(self, scan, sensor):
         """Return the update of a scan of the lidar `sensor`, and count it; raise a ScanError if it is unusable."""

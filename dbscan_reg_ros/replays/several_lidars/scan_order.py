@@ -1,38 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Order and numbers of the scans of several lidars: those of all lidars are counted together, by their stamps."""
-import heapq
+"""Scans of a recording by their numbers among the scans of all lidars."""
 from typing import NamedTuple
 
 from ...core.scan import Scan
-
-
-class OfLidar(NamedTuple):
-    """A scan of one of several lidars.
-
-    `lidar` is the number of the lidar, from 0 for the first, and `own` that of the scan among the scans of this lidar.
-    """
-
-    lidar: int
-    own: int
-    scan: Scan
-
-
-def in_stamp_order(streams, first=0):
-    """Yield each scan as `OfLidar`: the oldest of the next scans of all lidars, of equal stamps that of the first.
-
-    Parameters
-    ----------
-    streams : list of iterable of Scan
-        Scans of each lidar. Where stamps of one lidar go back, its scans keep their order.
-    first : int
-        Number of the first of these lidars.
-    """
-    return heapq.merge(*(_of_lidar(number, scans) for number, scans in enumerate(streams, first)),
-                       key=lambda each: each.scan.stamp)
-
-
-def _of_lidar(lidar, scans):
-    return (OfLidar(lidar, own, scan) for own, scan in enumerate(scans))
+from ...robot.scan_buffer import OfLidar, RecordedScans
 
 
 class Found(NamedTuple):
@@ -54,7 +25,7 @@ class Found(NamedTuple):
 
 
 def find_scans(streams, numbers) -> Found:
-    """Read the scans of all lidars in the order of `in_stamp_order` until those with these `numbers` are found.
+    """Read the scans of all lidars in the order of `RecordedScans` until those with these `numbers` are found.
 
     The scans before and after each of them, of the same lidar, are returned as well.
     """
@@ -62,7 +33,7 @@ def find_scans(streams, numbers) -> Found:
     last: dict[int, OfLidar] = {}
     around: list[dict[int, Scan]] = [{} for _ in streams]
     read = 0
-    for number, each in enumerate(in_stamp_order(streams)):
+    for number, each in enumerate(RecordedScans(streams).before()):
         read, previous = number + 1, last.get(each.lidar)
         last[each.lidar] = each
         if number in numbers:

@@ -8,6 +8,7 @@ import numpy as np
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.sensor import FIRST
+from dbscan_reg_ros.robot.scan_buffer import RecordedScans
 from dbscan_reg_ros.simulation import follow
 
 from ..bounds import at_most
@@ -87,5 +88,6 @@ def _motion(poses, k) -> SE2:
 def _updates(lidars) -> list:
     """Return the updates of the scans of `lidars`, in the order of their stamps, without those that are not used."""
     odometry = Odometry()
-    scans = sorted(((scan, sensor) for sensor, each in lidars for scan in each), key=lambda pair: pair[0].stamp)
-    return [update for update in (odometry.process(scan, None, sensor) for scan, sensor in scans) if not update.waits]
+    scans = RecordedScans(scans for _, scans in lidars).before()
+    updates = (odometry.process(each.scan, None, lidars[each.lidar][0]) for each in scans)
+    return [update for update in updates if not update.waits]

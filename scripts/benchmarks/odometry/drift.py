@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Odometry of recordings and simulated worlds, with the measures of the public benchmarks."""
-import heapq
 import inspect
 import os
 import time
@@ -18,6 +17,7 @@ from dbscan_reg_ros.evaluation.metrics import evaluate, path_lengths
 from dbscan_reg_ros.evaluation.trackers import PRIORS, Ours, tracker
 from dbscan_reg_ros.recordings import data_folder, write_csv
 from dbscan_reg_ros.recordings.poses import relative
+from dbscan_reg_ros.robot.scan_buffer import RecordedScans
 
 from ..bounds import at_least, at_most
 from ..report import Report
@@ -92,27 +92,20 @@ def drive(name, course, title, prior='none') -> Drive:
 
 
 class SeveralLidars(Ours):
-    """The package's own `Odometry` with the scans of the `others` of a `Course` besides, compared by `comparisons`.
+    """The package's own `Odometry` with the scans of the `others` of a `Course` besides, compared by `comparisons`."""
 
-    With `wrapped`, what it returns for the odometry processes the scans.
-    """
-
-    def __init__(self, others, comparisons=None, wrapped=None):
+    def __init__(self, others, comparisons=None):
         super().__init__(Parameters(), comparisons)
-        self._odometry = wrapped(self._odometry) if wrapped else self._odometry
-        self._scans = heapq.merge(*([(scan.stamp, k, sensor, scan) for scan in scans]
-                                    for k, (sensor, scans) in enumerate(others)))
-        self._next = next(self._scans, None)
+        self._sensors = [sensor for sensor, _ in others]
+        self._scans = RecordedScans(scans for _, scans in others)
         self._begun = False
 
     def process(self, scan, external=None):
         """Process the older scans of the other lidars, then a `scan` of the first; return the step of the latter."""
-        while self._next and self._next[0] < scan.stamp:
-            _, _, sensor, other = self._next
+        for other in self._scans.before(scan.stamp):
             if self._begun:
                 with suppress(ScanError):
-                    self._odometry.process(other, None, sensor)
-            self._next = next(self._scans, None)
+                    self._odometry.process(other.scan, None, self._sensors[other.lidar])
         self._begun = True
         return super().process(scan, external)
 

@@ -19,7 +19,8 @@ from dbscan_reg_ros.figures.texts import LidarOfScan, LidarsOfPair
 from dbscan_reg_ros.recordings import interpolate, open_recording, write_tum
 from dbscan_reg_ros.recordings.poses import compose, relative
 from dbscan_reg_ros.replays.sensor_mounting import turned
-from dbscan_reg_ros.replays.several_lidars.scan_order import find_scans, in_stamp_order
+from dbscan_reg_ros.replays.several_lidars.scan_order import find_scans
+from dbscan_reg_ros.robot.scan_buffer import RecordedScans
 from dbscan_reg_ros.simulation import Lidar, follow, rooms
 from dbscan_reg_ros.simulation import simulate as simulated
 
@@ -186,7 +187,7 @@ def scans_at(*stamps):
 
 def test_the_order_is_that_of_the_stamps_and_equal_stamps_begin_with_the_first_lidar():
     streams = scans_at(10, 20, 20, 15, 40), scans_at(5, 20, 30), scans_at(20, 50)
-    order = [(each.scan.stamp, each.lidar, each.own) for each in in_stamp_order(streams)]
+    order = [(each.scan.stamp, each.lidar, each.own) for each in RecordedScans(streams).before()]
     assert order == [(5, 1, 0), (10, 0, 0), (20, 0, 1), (20, 0, 2), (15, 0, 3), (20, 1, 1), (20, 2, 0), (30, 1, 2),
                      (40, 0, 4), (50, 2, 1)]
     found = find_scans(streams, [2, 7])

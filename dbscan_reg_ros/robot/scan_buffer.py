@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scans of several lidars that wait to be processed, in the order of their stamps: from messages or from recordings."""
+import math
+from collections import deque
+from collections.abc import Iterable, Iterator
+from typing import Generic, NamedTuple, TypeVar
+
+from ..core.scan import Scan
+from .recent_stamps import RecentStamps
+
+T = TypeVar('T')
+
+
+class ScanQueue(Generic[T]):
+    """Scans of one lidar, in the order in which they came.
+
+    Attributes
+    ----------
+    stamps : RecentStamps
+        Stamps of the scans that came.
+    """
+
+    def __init__(self) -> None:
+        self.stamps = RecentStamps()
+        self._scans: deque[tuple[int, T]] = deque()
+
+    def __len__(self) -> int:
+        return len(self._scans)
+
+    def add(self, stamp: int, scan: T) -> None:
+        """Add a scan with a `stamp` [ns]."""
+        self.stamps.add(stamp)
+        self._scans.append((stamp, scan))
+
+    @property
+    def first_stamp(self) -> float:
+        """Stamp [ns] of the scan that came first; infinite without any."""
+        return self._scans[0][0] if self._scans else math.inf
+
+    @property
+    def first(self) -> T:
+        """The scan that came first."""
+        return self._scans[0][1]
+
+    def pop(self) -> T:
+        """Remove the scan that came first, and return it."""
+        return self._scans.popleft()[1]
+
+    def clear(self) -> None:
+        """Drop all scans."""
+        self._scans.clear()
+
+    def has_older(self, stamp: int) -> bool:
+        """Whether a scan with a stamp before `stamp` [ns] is there, or is due and has not come."""
+        return self.first_stamp < stamp or self.stamps.expects_before(stamp)
+
+
+class ScanBuffer(Generic[T]):
+    """Queues of the scans of several lidars."""
+
+    def __init__(self) -> None:
+        self._queues: list[ScanQueue[T]] = []
+
+    def add_queue(self) -> ScanQueue[T]:
+        """Add the queue of one more lidar, and return it."""
+        self._queues.append(ScanQueue())
+        return self._queues[-1]
+
+    def remove_queue(self, queue: ScanQueue[T]) -> None:
+        """Remove a `queue`: scans of other lidars wait for none of its scans any more."""
+        self._queues = [each for each in self._queues if each is not queue]
+
+    def must_wait(self, queue: ScanQueue[T], stamp: int) -> bool:
+        """Whether a scan of a `queue` with a `stamp` [ns] waits for an older one of another lidar."""
+        return any(each.has_older(stamp) for each in self._queues if each is not queue)
+
+    def oldest(self) -> int:
+        """Return the number of the queue whose first scan is the oldest; of equal stamps that of the first queue."""
+        return min(range(len(self._queues)), key=lambda number: self._queues[number].first_stamp)
+
+
+class OfLidar(NamedTuple):
+    """A scan of one of several lidars.
+
+    `lidar` is the number of the lidar, from 0 for the first, and `own` that of the scan among the scans of this lidar.
+    """
+
+    lidar: int
+    own: int
+    scan: Scan
+
+
+class RecordedScans:
+    """Scans of the lidars of a recording, of which the next scan of each lidar is always in the buffer.
+
+    Parameters
+    ----------
+    streams : list of iterable of Scan
+        Scans of each lidar. Where stamps of one lidar go back, its scans keep their order.
+    first : int
+        Number of the first of these lidars.
+    """
+
+    def __init__(self, streams: Iterable[Iterable[Scan]], first: int = 0) -> None:
+        self._buffer, self._first = ScanBuffer[OfLidar](), first
+        self._lidars = [(self._buffer.add_queue(), enumerate(scans)) for scans in streams]
+        for lidar in range(len(self._lidars)):
+            self._read(lidar)
+
+    def before(self, stamp: float = math.inf) -> Iterator[OfLidar]:
+        """Yield the scans before `stamp` [ns]: the oldest of the next ones, of equal stamps that of the first lidar."""
+        while self._lidars:
+            lidar = self._buffer.oldest()
+            queue, _ = self._lidars[lidar]
+            if not queue.first_stamp < stamp:
+                return
+            yield queue.pop()
+            self._read(lidar)
+
+    def _read(self, lidar: int) -> None:
+        """Read the next scan of a lidar."""
+        queue, scans = self._lidars[lidar]
+        for own, scan in scans:
+            queue.add(scan.stamp, OfLidar(self._first + lidar, own, scan))
+            return
