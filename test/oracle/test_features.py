@@ -104,12 +104,12 @@ def test_surfaces_end_where_eq_5_says_and_normals_are_those_of_their_windows(see
     normals = estimate_normals(points, breaks, increment, noise, P.segments)
     surface = np.concatenate(([0], np.cumsum(breaks)))
     for k in np.flatnonzero(normals):
-        near = [i for i in range(k - P.segments.normal_beams, k + P.segments.normal_beams + 1)
+        near = [i for i in range(k - 2, k + 2 + 1)
                 if 0 <= i < len(points) and surface[i] == surface[k]]
         assert abs(normals[k]) == pytest.approx(1.0)
-        if len(near) == 2 * P.segments.normal_beams + 1:
+        if len(near) == 5:
             # The window has at least these points: the normal is that of all of them if the reach adds none.
-            reach = max(P.segments.normal_reach, P.segments.normal_noise * noise[k])
+            reach = max(0.1, P.segments.normal_noise * noise[k])
             beyond = points[[near[0] - 1, (near[-1] + 1) % len(points)]]
             if np.abs(beyond - points[k]).max() > 2.0 * reach:
                 own = np.stack((points[near].real, points[near].imag), axis=1)

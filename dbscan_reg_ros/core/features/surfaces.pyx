@@ -9,6 +9,9 @@ from ..geometry.plane cimport Line, Moments, difference, distance, fit_line, len
 
 # Minimum number of points in the window of a point for it to have a normal.
 cdef double MIN_NEIGHBOURS = 3.0
+# Distance [m] on each side of a point, along its surface, within which neighbours are used to fit its normal: less than
+# the depth of a door frame. At least so many beams are used on each side: fewer give no normal at large ranges.
+NORMAL_REACH, NORMAL_BEAMS = 0.1, 2
 # A point gets no normal if the neighbours' squared extents across and along the fitted line exceed this ratio.
 cdef double MAX_RESIDUAL = 0.25
 
@@ -115,8 +118,8 @@ def estimate_normals(const double complex[::1] points, const unsigned char[::1] 
     """Estimate unit normals from the neighbours of each point on its surface.
 
     Normals face the sensor; their side follows from the order of the beams. A point with fewer than three neighbours on
-    its surface, or whose neighbours lie on no line, gets no normal. The window of a point spans `normal_reach`, or
-    `normal_noise` times the noise where that is more, and at least `normal_beams` on each side: noise acts along the
+    its surface, or whose neighbours lie on no line, gets no normal. The window of a point spans `NORMAL_REACH`, or
+    `normal_noise` times the noise where that is more, and at least `NORMAL_BEAMS` on each side: noise acts along the
     beams and tilts lines through points that lie close together.
 
     Parameters
@@ -155,7 +158,7 @@ def estimate_normals(const double complex[::1] points, const unsigned char[::1] 
 
 cdef NormalLimits normal_limits(double increment, parameters) except *:
     """Return the limits of the windows of normals."""
-    return NormalLimits(parameters.normal_reach, parameters.normal_noise, increment, parameters.normal_beams)
+    return NormalLimits(NORMAL_REACH, parameters.normal_noise, increment, NORMAL_BEAMS)
 
 
 cdef void fit_normals(const Surfaces *surfaces, const double *noise, NormalLimits *limits,

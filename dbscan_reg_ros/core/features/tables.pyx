@@ -16,6 +16,8 @@ from ..geometry.ordering cimport bisect_right, sort_stably
 from ..geometry.plane cimport cross, distance, dot, length_of
 
 cdef double TINY = tolerance.TINY
+# Largest number of cells along a side: 32 m at the least size of a cell. Larger scans have larger cells.
+MAX_CELLS = 800
 
 ctypedef fused Number:
     short
@@ -35,7 +37,7 @@ def build_likelihood_field(oriented, parameters):
         x_low, x_high = min(x_low, points[k].real), max(x_high, points[k].real)
         y_low, y_high = min(y_low, points[k].imag), max(y_high, points[k].imag)
     reach, wide = parameters.max_distance, (x_high - x_low, y_high - y_low)
-    cell = max(parameters.cell_size, (max(wide) + 2.0 * reach) / parameters.max_cells)
+    cell = max(parameters.cell_size, (max(wide) + 2.0 * reach) / MAX_CELLS)
     # One cell for rounding, and a border of cells without a point: lookups beyond the grid end there.
     margin = math.ceil(reach / cell) + 2
     origin = complex(x_low, y_low) - complex(margin, margin) * cell

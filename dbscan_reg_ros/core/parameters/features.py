@@ -101,15 +101,7 @@ class SegmentParameters(ParameterGroup):
         0.15, unit='m', bounds=(0.0, 10.0), case='sensor with returns between two surfaces',
         help='The end of a surface is a free end if the range of the next return is larger by at least this. Larger '
              'values find fewer free ends and small objects; smaller values take noise for free ends.')
-    normal_reach: float = parameter(
-        0.1, unit='m', bounds=(0.0, 10.0), case='sensor with noisy ranges',
-        help='Distance on each side of a point, along its surface, within which neighbours are used to fit its normal. '
-             'Larger values give smoother normals and round off corners; smaller values follow details and noise.')
     normal_noise: float = parameter(
         4.0, bounds=(0.0, 100.0), case='course narrow',
-        help='Lower limit of the distance advanced.segments.normal_reach, as a multiple of the range noise. Larger '
-             'values give smoother normals for noisy sensors; 0 uses advanced.segments.normal_reach alone.')
-    normal_beams: int = parameter(
-        2, unit='beams', bounds=(1, 100), case='sensor with few beams',
-        help='Least number of neighbouring beams on each side of a point that are used to fit its normal. Larger '
-             'values give smoother normals at large ranges; smaller values give noisier normals there.')
+        help='Lower limit, as a multiple of the range noise, of the distance within which neighbours are used. Larger '
+             'values give smoother normals for noisy sensors; 0 always uses 0.1 m.')

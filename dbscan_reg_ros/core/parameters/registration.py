@@ -51,10 +51,6 @@ class TranslationParameters(ParameterGroup):
         help='Least sine of the angle between two lines that determine a translation (eps2 of Eq. 13). The search '
              'along a degenerate direction uses only walls whose angle to that direction has at least this sine. '
              'Larger values use fewer and better conditioned lines; smaller values use more lines.')
-    max_pairs: int = parameter(
-        14, bounds=(2, 10000), case='symptom: processing is too slow',
-        help='Number of line pairs that are used for each rotation, those with the largest weight first. Larger values '
-             'give more samples and take longer; smaller values are faster.')
     end_weight: float = parameter(
         1.0, bounds=(0.0, 100.0), case='courses sparse, bursts',
         help='Weight of matched end points relative to pairs of lines. Larger values give corners and free ends more '
@@ -90,11 +86,6 @@ class DensityParameters(ParameterGroup):
         0.04, unit='m', bounds=(0.005, 10.0), case='symptom: processing is too slow',
         help='Least cell size of the likelihood field. Larger values make the field faster to build and coarser; '
              'smaller values find the nearest point more exactly.')
-    max_cells: int = parameter(
-        800, bounds=(50, 4000), case='sensor with a large range',
-        help='Largest number of cells along a side of the likelihood field; if more are needed, the cells are made '
-             'larger. Larger values keep cells small for sensors with large ranges and take memory and time; smaller '
-             'values are faster.')
     max_distance: float = parameter(
         0.4, unit='m', bounds=(0.02, 2.0), case='symptom: walls are drawn twice',
         help='Distance beyond which a point has no correspondence. Larger values let hypotheses converge from farther '

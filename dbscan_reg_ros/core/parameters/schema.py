@@ -266,6 +266,7 @@ _OF_PAPER = frozenset((
 _FIXED: dict[str, object] = {
     'filter.inner_threshold': 2, 'filter.outer_threshold': 3, 'filter.relative_tolerance': 0.01,
     'segments.split_distance': 0.03, 'segments.split_levels': 6, 'segments.join_noise': 2.5, 'segments.join_gap': 1.0,
+    'segments.normal_reach': 0.1, 'segments.normal_beams': 2, 'translation.max_pairs': 14, 'density.max_cells': 800,
     'density.violation_tolerance': 0.15, 'selection.preselection_points': 60, 'selection.wide_search_score': 0.5,
     'selection.landmark_size': 1.0, 'selection.same_distance': 0.05, 'selection.same_angle': 0.02,
     'rotation.eps_min': 0.005, 'rotation.eps_max': 0.05, 'translation.parallel_sigma': 0.06,

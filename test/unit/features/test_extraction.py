@@ -9,6 +9,7 @@ import pytest
 from rooms import DEGREE, FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import Parameters, Scan, ScanError, ScanGeometry
+from dbscan_reg_ros.core.features import surfaces
 from dbscan_reg_ros.core.features.extraction import extract_features, extract_from_returns
 from dbscan_reg_ros.core.features.noise import estimate_noise
 from dbscan_reg_ros.core.features.poles import with_poles
@@ -40,24 +41,25 @@ def test_normals_are_those_of_the_walls_and_face_the_sensor(sign):
     assert straight[known].mean() > 0.8
 
 
-def test_a_window_grows_to_its_reach_and_to_its_beams():
+def test_a_window_grows_to_its_reach_and_to_its_beams(monkeypatch):
     """A wall at y = 1 m with one point, at x = 0, that lies 3 mm nearer and biases its normals."""
     x = 0.04 * np.arange(20, -21, -1)
     wall = np.column_stack((x, np.where(np.abs(x) < 0.01, 0.997, 1.0)))
-    for changes, seen in (({'normal_reach': 0.0, 'normal_beams': 1}, 1), ({'normal_reach': 0.0, 'normal_beams': 3}, 3),
-                          ({'normal_reach': 0.21, 'normal_beams': 1}, 5)):
-        normals = normals_of(wall, **changes)
+    for reach, beams, seen in ((0.0, 1, 1), (0.0, 3, 3), (0.21, 1, 5)):
+        monkeypatch.setattr(surfaces, 'NORMAL_REACH', reach)
+        monkeypatch.setattr(surfaces, 'NORMAL_BEAMS', beams)
+        normals = normals_of(wall)
         turned = np.abs(normals[:, 0]) > 1e-6
         # The point itself is in the middle of its window, which is not turned.
         expected = (np.abs(np.arange(-20, 21)) <= seen) & (np.arange(-20, 21) != 0)
-        assert turned.tolist() == expected.tolist(), changes
+        assert turned.tolist() == expected.tolist(), (reach, beams)
 
 
 def test_a_point_with_fewer_than_three_neighbours_or_without_direction_has_no_normal():
     points = [(1.0, 1.0), (0.9, 1.0), (0.8, 1.0), (0.3, 2.0), (0.2, 2.0)]
     normals = normals_of(points, [False, False, True, False])
     assert normals.tolist() == [pytest.approx([0.0, -1.0], abs=1e-9)] * 3 + [[0.0, 0.0]] * 2
-    normals = normals_of([(0.0, 2.0), (0.02, 2.02), (0.04, 2.0)], normal_beams=2)
+    normals = normals_of([(0.0, 2.0), (0.02, 2.02), (0.04, 2.0)])
     assert normals.tolist() == [[0.0, 0.0]] * 3
 
 

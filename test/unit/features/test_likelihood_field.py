@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from dbscan_reg_ros.core.features import tables
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.features.tables import build_likelihood_field
 from dbscan_reg_ros.core.parameters.registration import DensityParameters
@@ -22,10 +23,10 @@ def drawn(count, seed=0):
 
 
 @pytest.mark.parametrize('cells, cell, reach', [(800, 0.04, 0.4), (50, 6.8 / 50, 0.4), (1000, 0.01, 2.0)])
-def test_the_point_that_the_grid_names_is_the_nearest_up_to_the_cells(cells, cell, reach):
+def test_the_point_that_the_grid_names_is_the_nearest_up_to_the_cells(cells, cell, reach, monkeypatch):
+    monkeypatch.setattr(tables, 'MAX_CELLS', cells)
     cloud = drawn(300)
-    surface = build_likelihood_field(cloud, DensityParameters(max_cells=cells, cell_size=min(cell, 0.04),
-                                                              max_distance=reach))
+    surface = build_likelihood_field(cloud, DensityParameters(cell_size=min(cell, 0.04), max_distance=reach))
     assert surface.cell == pytest.approx(cell, rel=0.01)
     rng = np.random.default_rng(1)
     places = rng.uniform(-2.0 - reach, 4.0 + reach, 5000) + 1j * rng.uniform(-3.0 - reach, 1.0 + reach, 5000)
@@ -40,10 +41,11 @@ def test_the_point_that_the_grid_names_is_the_nearest_up_to_the_cells(cells, cel
     assert surface.nearest(np.array([100.0, -100.0, 100j, -100j])).tolist() == [300] * 4
 
 
-def test_far_reaching_points_take_little_memory():
+def test_far_reaching_points_take_little_memory(monkeypatch):
+    monkeypatch.setattr(tables, 'MAX_CELLS', 1000)
     tracemalloc.start()
     try:
-        build_likelihood_field(drawn(300), DensityParameters(cell_size=0.01, max_cells=1000, max_distance=2.0))
+        build_likelihood_field(drawn(300), DensityParameters(cell_size=0.01, max_distance=2.0))
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

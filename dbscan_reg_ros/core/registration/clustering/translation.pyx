@@ -22,6 +22,8 @@ from .rotation cimport RotationClusters, cluster_rotations, weights_of
 # Standard deviation [rad] of the angle between two lines that are matched as parallel (eps1 of Eq. 12): that of a short
 # wall with noise of a few centimetres.
 cdef double PARALLEL_SIGMA = 0.06
+# Number of line pairs that are used for each rotation, the heaviest first: the walls of a room, each seen in pieces.
+MAX_PAIRS = 14
 
 
 def estimate_translations(reference, current, rotations, weights, parameters):
@@ -162,7 +164,7 @@ cdef TranslationClusters cluster_lines(SegmentViews reference, SegmentViews curr
                                        const double[::1] phi, const double[::1] weights, parameters):
     """Cluster the translations [m] that follow from matched lines and matched end points, for every rotation [rad]."""
     cdef TranslationClusters found = TranslationClusters.__new__(TranslationClusters)
-    cdef MatchedLines lines = match_lines(reference, current, difference, phi, weights, parameters.max_pairs)
+    cdef MatchedLines lines = match_lines(reference, current, difference, phi, weights, MAX_PAIRS)
     cdef Py_ssize_t most = 2 * lines.size, run = 0, k, count
     for k in range(lines.size):
         run = run + 1 if k and lines.rotation[k] == lines.rotation[k - 1] else 0
