@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 from .build_check import check_build
 
 __all__ = [
-    'SE2', 'DbscanRegError', 'EndKind', 'Features', 'Hypothesis', 'NodeParameters', 'Odometry', 'OdometryUpdate',
-    'ParameterError', 'Parameters', 'Prior', 'RecordingError', 'Registration', 'Scan', 'ScanError',
+    'SE2', 'DbscanRegError', 'EndKind', 'Features', 'Hypothesis', 'Localizer', 'Map', 'NodeParameters', 'Odometry',
+    'OdometryUpdate', 'ParameterError', 'Parameters', 'Prior', 'RecordingError', 'Registration', 'Scan', 'ScanError',
     'ScanGeometry', 'Segments', 'Status', 'extract_features', 'open_recording', 'read_parameters', 'register',
 ]
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from .core.registration.records import Hypothesis, Prior, Registration, Status
     from .core.scan import Scan
     from .core.scan_geometry import ScanGeometry
+    from .places.localizer import Localizer
+    from .places.map import Map
     from .recordings.checks.arrays import Odometry, register
     from .recordings.opening import open_recording
     from .robot.parameter_files import read_parameters
@@ -36,6 +38,8 @@ else:
         'core.registration.records': ('Hypothesis', 'Prior', 'Registration', 'Status'),
         'core.scan': ('Scan',),
         'core.scan_geometry': ('ScanGeometry',),
+        'places.localizer': ('Localizer',),
+        'places.map': ('Map',),
         'recordings.checks.arrays': ('Odometry', 'register'),
         'recordings.opening': ('open_recording',),
         'robot.parameter_files': ('read_parameters',),

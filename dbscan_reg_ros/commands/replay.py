@@ -58,6 +58,9 @@ def main(argv: Sequence[str] | None = None) -> int:
                         'map_closed.png')
     parser.add_argument('--map-out', metavar='FILE', type=Path, help='close loops, and write the map of key frames, in '
                         'which a robot can be localised, to FILE (.npz)')
+    parser.add_argument('--map', metavar='FILE', type=Path, help='localise the drive, wherever it starts, in this map: '
+                        'a file of --map-out, or the map.yaml of an occupancy grid; write in_map.tum, the poses of the '
+                        'lidar in the map, with the axes of the robot')
     parser.add_argument('--g2o', action='store_true', help='close loops, and write the pose graph of the key frames as '
                         'graph.g2o, with VERTEX_SE2 and EDGE_SE2')
     parser.add_argument('--animation', action='store_true', help='also write a moving picture of 12 s: each scan on '
@@ -97,7 +100,8 @@ def replay(args):
     lidars = Lidars(topics, parse_mountings(args.mounting))
     jobs = [Job(place(_path(file, args)), lidars, parameters, place(Path(args.out)),
                 args.close_loops or args.g2o or bool(args.map_out), args.verbose, args.animation, len(args.files) > 1,
-                args.grid, args.frame == 'base', args.map_out and place(args.map_out), args.g2o)
+                args.grid, args.frame == 'base', args.map_out and place(args.map_out), args.g2o,
+                args.map and place(args.map))
             for file in args.files]
     with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
         outcomes = [_outcome(future, args.verbose) for future in [executor.submit(replay_one, job) for job in jobs]]
@@ -153,6 +157,8 @@ class Job:
         File of the map of key frames; None: it is not written.
     g2o : bool
         Write the pose graph.
+    map : Path or None
+        Map in which the drive is localised.
     """
 
     path: Path
@@ -167,6 +173,7 @@ class Job:
     base: bool = False
     map_out: Path | None = None
     g2o: bool = False
+    map: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -201,6 +208,7 @@ def replay_one(job) -> Replayed:
     """
     from ..figures.plots import MapPoints
     from ..replays.faults import Faults
+    from ..replays.in_map import InMap
     from ..replays.lidars import lidars_of
     from ..replays.loops import Loops
     from ..replays.odometry import describe_prior, recorded_wheels, replay_odometry
@@ -212,6 +220,7 @@ def replay_one(job) -> Replayed:
     from ..replays.trajectory import Trajectory, too_few
     from ..robot.parameter_files import write_parameters
 
+    in_map = InMap(job.map, job.parameters.for_odometry()) if job.map else None
     lidars = job.lidars.of_recording(job.path, job.parameters)
     recording = lidars.open(job.path, job.parameters)
     mounting, others = lidars_of(recording, lidars, job.parameters, job.base)
@@ -226,7 +235,7 @@ def replay_one(job) -> Replayed:
                       Loops() if job.close_loops else None, faults, ScanHistory(yaw), MapPoints(recording.count, yaw),
                       job.animation, '../../index.html' if job.indexed else '', odometry if others else None,
                       grid=job.grid, bodies=bodies, on_base=mounting.pose if job.base else None, map_out=job.map_out,
-                      g2o=job.g2o, mounting=mounting.aligned_pose)
+                      g2o=job.g2o, mounting=mounting.aligned_pose, in_map=in_map)
     faults.attempt('parameters.yaml', write_parameters, folder / 'parameters.yaml', job.parameters,
                    f'The parameters of the replay of {job.path.name}.')
     try:
@@ -281,7 +290,7 @@ def _follow(results, mounting, odometry):
 
     reports = {'pairs to review': results.to_review.add, 'report.html': results.history.add,
                'map.png': lambda update: results.map_points.add(update.features.scan),
-               'closed.tum': results.loops and results.loops.add}
+               'closed.tum': results.loops and results.loops.add, 'in_map.tum': results.in_map and results.in_map.add}
     if writes_bags():
         bag = odometry_bag(results.folder / 'bag', parameters, mounting)
         reports = {'bag': faults.attempt('bag', stack.enter_context, bag), **reports}

@@ -17,6 +17,7 @@ from ..recordings.recording import Recording
 from ..robot.parameters import NodeParameters
 from .animation import Track, write_animation
 from .faults import Faults
+from .in_map import InMap
 from .loops import Loops
 from .occupancy_map import write_occupancy_map
 from .own_bodies import OwnBodies
@@ -68,6 +69,8 @@ class Results:
         Write the pose graph.
     mounting : SE2
         Pose of the scans on the robot, as the odometry receives them.
+    in_map : InMap or None
+        The drive in a map that is known before.
     entry : DriveEntry or None
         Entry in the index of several replays, set when the results are written.
     """
@@ -90,6 +93,7 @@ class Results:
     map_out: Path | None = None
     g2o: bool = False
     mounting: SE2 = field(default_factory=SE2)
+    in_map: InMap | None = None
     entry: DriveEntry | None = None
 
     def write(self, register='') -> list:
@@ -113,6 +117,10 @@ class Results:
         summary = [*describe_recordings(recordings, counts, bodies, self.on_base is not None),
                    *describe_contradictions(self.trajectory), *summarise(measures),
                    *_without_truth(known, stamps)]
+        if self.in_map:
+            self.faults.attempt('in_map.tum', write_tum, self.folder / 'in_map.tum', self.in_map.stamps,
+                                self.in_map.pose_array())
+            summary.append(('in the map', self.in_map.line()))
         if self.grid:
             placed = self.map_points.placed(closed[0] if closed else poses, self.trajectory.registered)
             self.faults.attempt('map.pgm', write_occupancy_map, self.folder, placed, self.grid)

@@ -32,6 +32,7 @@ BENCHMARKS = {
     'lidars': 'two lidars, the second with a wrong mounting or late stamps; own body, cross-talk; three lidars',
     'heights': 'twenty correct pairs of lidars at different heights, among people: accusations and errors',
     'loops': 'wrong loop closures, and the error with and without them, on Intel and ten simulated tours',
+    'places': 'localisation in a map from any start: found, wrong, and what is said outside the map',
     'covered': 'odometry of a lidar with a box over it for a while',
     'spin': 'turn rates of published twists while the robot rotates in place',
     'spinup': 'odometry that begins while the lidar spins up',
@@ -54,11 +55,11 @@ MODULES = {
     **dict.fromkeys(('narrow', 'covered', 'spinup'), 'odometry.hard'), 'spin': 'odometry.spin', 'sensors': 'sensors',
     'ablation': 'odometry.ablation', 'node': 'node.streams', 'soak': 'node.soak',
     'lidars': 'lidars.wrong', 'heights': 'lidars.heights', 'page': 'page.page', 'watch': 'node.watched',
-    'fingerprint': 'fingerprint.fingerprint',
+    'fingerprint': 'fingerprint.fingerprint', 'places': 'places.places',
 }
 """Benchmark -> module of this package."""
 OURS_ONLY = ('node', 'soak', 'silent', 'covariance', 'confidence', 'loops', 'ablation', 'page',
-             'lidars', 'heights', 'watch', 'sensors', 'fingerprint')
+             'lidars', 'heights', 'watch', 'sensors', 'fingerprint', 'places')
 """No other method has what they measure."""
 SEEDED = ('narrow', 'passers', 'companions', 'doors', 'pillar', 'stops', 'curved', 'covered', 'spin', 'spinup')
 """Courses with one drive for each seed."""
@@ -187,6 +188,11 @@ def add_node(command):
                          help='the node of this source tree and that of COMMIT in turns, with one lidar')
 
 
+def add_places(command):
+    """Add the options of ``bench places``."""
+    command.add_argument('--seeds', type=positive, default=3, metavar='N', help='simulated floors (default: 3)')
+
+
 def add_fingerprint(command):
     """Add the options of ``bench fingerprint``."""
     command.add_argument('--against', metavar='COMMIT', required=True,
@@ -204,7 +210,7 @@ def add_fingerprint(command):
 
 
 ADDED = {'node': add_node, 'speed': add_speed, 'overlap': add_overlap, 'sensors': add_sensors, 'ablation': add_ablation,
-         'fingerprint': add_fingerprint,
+         'fingerprint': add_fingerprint, 'places': add_places,
          'heights': add_processes, 'lidars': add_lidars}
 """Benchmark -> what adds its options."""
 

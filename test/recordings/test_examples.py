@@ -9,6 +9,8 @@ import sys
 
 import pytest
 
+from dbscan_reg_ros.commands.replay import main as replay
+
 LINES = 300
 """Of the Intel log."""
 
@@ -116,6 +118,13 @@ def test_parameters_of_a_file_are_those_of_its_lidars(example):
         '/scan_front: mounting laser_pose (0.3, 0.2, 0.0), range_max 0.0 m',
         '/scan_rear: mounting laser_pose (-0.3, -0.2, 3.14), range_max 20.0 m', 'key frames: 40']
     assert example('06_parameters_of_a_file', 'lds').startswith('scan: mounting tf (0.0, 0.0, 0.0), range_max 8.0 m')
+
+
+def test_a_recording_is_found_in_its_own_map(example, intel, tmp_path):
+    assert replay([str(intel), '--out', str(tmp_path), '--map-out', str(tmp_path / 'map.npz')]) == 0
+    *_, last = example('07_where_in_a_map', tmp_path / 'map.npz', intel).splitlines()
+    assert last.startswith('Localization(localised, ')
+    assert numbers(last)[:2] == pytest.approx([0.0, 0.0], abs=5.0)
 
 
 @pytest.mark.parametrize(('text', 'expected'), [

@@ -17,6 +17,7 @@ from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.evaluation.metrics import duration, path_lengths
 from dbscan_reg_ros.places.map import Map
 from dbscan_reg_ros.recordings import open_recording, read_tum
+from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.replays.loops import Loops
 from dbscan_reg_ros.replays.pairs_to_review import PairsToReview
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
@@ -136,6 +137,24 @@ def test_a_map_of_key_frames_and_its_graph_are_written(cases, tmp_path, capsys):
     capsys.readouterr()
     assert main([recording, recording, '--out', str(tmp_path), '--map-out', str(file)]) == 2
     assert capsys.readouterr().err == f'replay: --map-out {file}: expected one recording; 2 are given\n'
+
+
+def test_a_drive_is_localised_in_the_map_of_another(tmp_path, capsys):
+    """There, and back in the map of the way there."""
+    world, lidar = rooms(seed=2), Lidar(beams=360, angle_min=-math.pi, rate=4.0)
+    for name, way, seed in (('there', world.tour[2:7], 1), ('back', world.tour[6:2:-1], 2)):
+        drive = simulate(world, follow(way), lidar, seed=seed)
+        scan_bag(tmp_path / name, drive.scans)
+    out, file = tmp_path / 'out', tmp_path / 'map.npz'
+    assert main([str(tmp_path / 'there'), '--out', str(out), '--map-out', str(file)]) == 0
+    capsys.readouterr()
+    assert main([str(tmp_path / 'back'), '--out', str(out), '--map', str(file)]) == 0
+    assert re.search(r'^in the map +localised after \d\.\d\d m, and at 100.0 % of the scans from then on; at the end '
+                     'localised$', capsys.readouterr().out, re.MULTILINE)
+    stamps, poses = read_tum(out / 'back' / 'latest' / 'in_map.tum')
+    truth = relative(simulate(world, follow(world.tour[2:7]), lidar, seed=1).truth[:1].repeat(len(drive.truth), axis=0),
+                     drive.truth)[np.searchsorted(drive.stamps, stamps)]
+    assert len(stamps) > 20 and np.abs(relative(truth, poses)).max() < 0.1
 
 
 PARTS = {

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pose of a robot in a map, without an initial guess."""
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.geometry.se2 import DOF, SE2, turned, wrap
+from ..core.odometry.records import OdometryUpdate
+from ..core.parameters.tree import Parameters
+from ..core.registration.records import Status, sigma_text
+from ..recordings.poses import compose, relative
+from .evidence import INDEPENDENT, log_odds, probabilities
+from .grid import Grid
+from .map import Map
+from .matching import FROM_AFAR, Drive, Matcher, Stop
+from .signatures import BEARINGS, Signatures
+
+SPACING = 0.5
+"""Distance [m] from one view to the next."""
+STEP, TURN = 0.3, 0.35
+"""A scan is compared with the map if the sensor has moved by one of these [m, rad] since the last one."""
+SEARCHED, TRACKED = 30, 12
+"""Largest number of scans that are placed in the map together, in a search and afterwards: so long the odometry hardly
+drifts."""
+CANDIDATES = 10
+"""Number of views that a scan is aligned with."""
+KEPT = 20
+"""Largest number of hypotheses."""
+APART, APART_TURN = 0.8, 0.35
+"""Candidates of one scan differ by one of these [m, rad]."""
+SAME, SAME_TURN = 0.4, 0.12
+"""Hypotheses that differ by less than these [m, rad] are one."""
+CERTAIN = 0.99
+"""Probability of a hypothesis from which on the robot is localised there, and of the absence of all of them."""
+DOUBTED = 4
+"""Number of scans that together show that the pose is wrong."""
+MOST_ALIKE = 1000
+"""Number of views and headings, the most similar first, among which the candidates differ."""
+LOST = np.diag((10.0, 10.0, math.pi)) ** 2
+"""Covariance [m, m, rad] of the pose once it is no longer known."""
+DRIFT = np.diag((0.01, 0.01, 0.002)) ** 2
+"""Covariance [m, m, rad] of the odometry from one scan that is used to the next."""
+OF_MAP = np.diag((0.03, 0.03, 0.005)) ** 2
+"""Covariance [m, m, rad] of the map itself."""
+
+
+class State(Enum):
+    """What is known of the pose in the map."""
+
+    SEARCHING = 'searching'
+    """Nothing is sure yet."""
+    LOCALISED = 'localised'
+    """The pose is known."""
+    AMBIGUOUS = 'ambiguous'
+    """Two places or more look like this one."""
+    NOT_IN_MAP = 'not in this map'
+    """No place in the map looks like this one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Localization:
+    """What the `Localizer` knows after a scan.
+
+    Attributes
+    ----------
+    state : State
+    transform : SE2 or None
+        Pose of the frame of the odometry in the map; None before the first time that the robot was localised.
+    pose : SE2 or None
+        Pose of the first sensor in the map: ``transform @ update.pose``.
+    covariance : (3, 3) float or None
+        Covariance of `pose` for (x, y, theta) in the map [m, m, rad].
+    hypotheses : list of (SE2, float)
+        Poses of the first sensor in the map, and their probabilities, the most probable first.
+    elsewhere : float
+        Probability that the sensor is at none of them.
+    """
+
+    state: State
+    transform: SE2 | None
+    pose: SE2 | None
+    covariance: NDArray[np.float64] | None
+    hypotheses: list[tuple[SE2, float]]
+    elsewhere: float
+
+    def __repr__(self) -> str:
+        """Return one line."""
+        where = ''
+        if self.pose is not None and self.covariance is not None:
+            where = f', {self.pose.brief()}, {sigma_text(self.covariance, "the map")}'
+        return f'Localization({self.state.value}{where}, {len(self.hypotheses)} hypotheses)'
+
+
+class Localizer:
+    """Finds the pose of a robot in a map, and follows it.
+
+    Parameters
+    ----------
+    known : Map or Grid
+        The map.
+    parameters : Parameters
+        Those of the odometry.
+    """
+
+    def __init__(self, known: Map | Grid, parameters: Parameters = Parameters()) -> None:
+        grid = known if isinstance(known, Grid) else Grid.of_map(known, parameters)
+        bearings = np.linspace(-np.pi, np.pi, BEARINGS, endpoint=False, dtype=np.float64)
+        self._matcher, self._views = Matcher(grid), grid.free_poses(SPACING)
+        self._signatures = Signatures(grid.cast(self._views, bearings))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the pose: the next scan begins a new search."""
+        self._transform: NDArray[np.float64] | None = None
+        self._forget()
+
+    def process(self, update: OdometryUpdate) -> Localization:
+        """Use the next scan of the odometry.
+
+        Parameters
+        ----------
+        update : OdometryUpdate
+            Of the first sensor, or of another one: its `features` are placed by its `scan_pose`.
+        """
+        if update.starts_track:
+            self._forget()
+        pose = update.scan_pose.as_array()
+        if update.status is not Status.FAILED and self._moved(pose):
+            self._stops.append(Stop.of(pose, update.scan_pose.apply(update.features.points)))
+            self._odometry_covariance = update.covariance
+            if self._state is State.LOCALISED:
+                self._track()
+            else:
+                self._search(update.features.points)
+        return self._report(update)
+
+    def candidates(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the poses (C, 3) in the map at which a scan with these `points` (N, 2) looks most like the views."""
+        similarity = self._signatures.compare(np.hypot(*points.T), np.arctan2(points[:, 1], points[:, 0])).ravel()
+        best = np.argpartition(-similarity, min(MOST_ALIKE, len(similarity) - 1))[:MOST_ALIKE]
+        view, heading = np.divmod(best, BEARINGS)
+        poses = self._views[view] + np.column_stack((np.zeros((len(best), 2)), heading * (2.0 * np.pi / BEARINGS)))
+        return poses[_distinct(poses, -similarity[best], APART, APART_TURN, CANDIDATES)]
+
+    def _forget(self) -> None:
+        """Begin a new search."""
+        self._stops: list[Stop] = []
+        self._hypotheses = np.empty((0, DOF))
+        self._probabilities, self._elsewhere, self._searched = np.empty(0), 1.0, 0
+        self._state = State.SEARCHING
+
+    def _moved(self, pose: NDArray[np.float64]) -> bool:
+        """Whether the sensor has moved since the last scan that was used."""
+        if not self._stops:
+            return True
+        x, y, theta = relative(self._stops[-1].pose[None], pose[None])[0]
+        return math.hypot(x, y) > STEP or abs(theta) > TURN
+
+    def _search(self, points: NDArray[np.float64]) -> None:
+        """Place the last scans at all hypotheses and at those of the latest scan, with returns at `points`."""
+        self._stops = self._stops[-SEARCHED:]
+        self._searched += 1
+        drive, latest = Drive.of(self._stops), self._stops[-1].pose
+        back = relative(latest[None], np.zeros((1, DOF)))
+        candidates = self.candidates(points)
+        candidates = compose(candidates, np.repeat(back, len(candidates), axis=0))
+        candidates = self._matcher.align(candidates, Drive.of(self._stops[-1:]), FROM_AFAR).poses
+        starts = np.vstack((self._hypotheses, candidates))
+        aligned = self._matcher.align(starts, drive)
+        odds = log_odds(self._matcher.count(aligned.poses, drive))
+        places = compose(aligned.poses, np.repeat(latest[None], len(starts), axis=0))
+        kept = _distinct(places, -odds, SAME, SAME_TURN, KEPT)
+        self._hypotheses = aligned.poses[kept]
+        self._probabilities, missed, outside = probabilities(odds[kept], self._searched)
+        self._elsewhere = missed + outside
+        if self._probabilities[0] >= CERTAIN:
+            self._state, self._transform = State.LOCALISED, self._hypotheses[0]
+            self._covariance = np.linalg.inv(aligned.information[kept[0]] / INDEPENDENT + np.eye(DOF))
+            self._middle = aligned.middle
+        elif self._probabilities.sum() >= CERTAIN:
+            self._state = State.AMBIGUOUS
+        else:
+            self._state = State.NOT_IN_MAP if outside >= CERTAIN else State.SEARCHING
+
+    def _track(self) -> None:
+        """Correct the pose by the last scans; search again if they do not suit the map there."""
+        assert self._transform is not None
+        self._stops = self._stops[-TRACKED:]
+        drive = Drive.of(self._stops)
+        aligned = self._matcher.align(self._transform[None], drive)
+        recent = Drive.of(self._stops[-DOUBTED:])
+        self._transform, self._hypotheses = aligned.poses[0], aligned.poses
+        if log_odds(self._matcher.count(aligned.poses, recent))[0] < 0.0:
+            latest = self._stops[-1]
+            self._forget()
+            self._stops = [latest]
+            return
+        # Each scan is aligned several times, and counts once.
+        moved = _carried(self._covariance, self._transform, aligned.middle - self._middle) + DRIFT
+        self._middle = aligned.middle
+        self._covariance = np.linalg.inv(np.linalg.inv(moved) + aligned.information[0] / (INDEPENDENT * TRACKED))
+
+    def _report(self, update: OdometryUpdate) -> Localization:
+        """Return what is known at the pose of an update."""
+        latest = np.repeat(update.pose.as_array()[None], len(self._hypotheses), axis=0)
+        places = [SE2.from_array(pose) for pose in compose(self._hypotheses, latest)]
+        hypotheses = list(zip(places, self._probabilities.tolist(), strict=False))
+        if self._transform is None:
+            return Localization(self._state, None, None, None, hypotheses, self._elsewhere)
+        covariance = LOST
+        if self._state is State.LOCALISED:
+            offset = np.array((update.pose.x, update.pose.y)) - self._middle
+            covariance = _carried(self._covariance, self._transform, offset) + OF_MAP
+            if update.status is Status.FAILED:
+                covariance = covariance + turned(update.covariance - self._odometry_covariance, self._transform[2])
+        transform = SE2.from_array(self._transform)
+        return Localization(self._state, transform, transform @ update.pose, covariance, hypotheses, self._elsewhere)
+
+
+def _distinct(poses, ranks, apart, turn, most) -> NDArray[np.int64]:
+    """Return the numbers of at most so many `poses` (N, 3), smallest of `ranks` (N,) first, that differ enough."""
+    left, kept = np.argsort(ranks, kind='stable'), list[int]()
+    while len(left) and len(kept) < most:
+        first = left[0]
+        kept.append(first)
+        off = poses[left] - poses[first]
+        left = left[(np.hypot(off[:, 0], off[:, 1]) > apart) | (np.abs(wrap(off[:, 2])) > turn)]
+    return np.array(kept, dtype=int)
+
+
+def _carried(covariance, transform, offset):
+    """Return the covariance (3, 3) at another point of a body, at `offset` (2,) in the frame with this `transform`."""
+    c, s = math.cos(transform[2]), math.sin(transform[2])
+    lever = np.array(((1.0, 0.0, -s * offset[0] - c * offset[1]), (0.0, 1.0, c * offset[0] - s * offset[1]),
+                      (0.0, 0.0, 1.0)))
+    return lever @ covariance @ lever.T

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Maps with the true pose of their frame, and drives that start somewhere in them or elsewhere."""
+import dataclasses
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dbscan_reg_ros.core.errors import ScanError
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
+from dbscan_reg_ros.core.parameters.tree import Parameters
+from dbscan_reg_ros.evaluation.metrics import align, path_lengths
+from dbscan_reg_ros.places.key_frames import KeyFrames
+from dbscan_reg_ros.places.localizer import Localizer, State
+from dbscan_reg_ros.places.map import Map
+from dbscan_reg_ros.recordings.poses import compose, relative
+from dbscan_reg_ros.simulation import follow, simulate, with_people
+
+from .floors import floor, moved, route
+
+PARAMETERS = Parameters()
+RIGHT = 0.3, math.radians(3.0)
+"""Largest errors [m, rad] of a pose that is right."""
+COVERED = 2.0
+"""A start and its drive stay within this distance [m] of the views of the map."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mapped:
+    """A map of a drive whose scans had the true poses ``truth`` (N, 3); its frame is aligned with them."""
+
+    known: Map
+    frame: np.ndarray
+
+    @classmethod
+    def of(cls, scans, truth) -> 'Mapped':
+        """Drive through the `scans`, close the loops, and align the key frames with the `truth`."""
+        odometry, frames, poses = Odometry(PARAMETERS), KeyFrames(), []
+        for scan in scans:
+            update = odometry.process(scan)
+            frames.add(update)
+            poses.append(update.pose.as_array())
+        graph = frames.graph(np.array(poses), PARAMETERS)
+        aligned = align(graph.poses, truth[frames.numbers])
+        frame = compose(aligned[:1], relative(graph.poses[:1], np.zeros((1, 3))))
+        return cls(Map.of_drive(frames, graph), frame)
+
+    def true_poses(self, truth):
+        """Return the true poses (N, 3) in the frame of the map."""
+        return relative(np.repeat(self.frame, len(truth), axis=0), truth)
+
+    def distance(self, truth):
+        """Return how far (N,) [m] the true poses are from the nearest view."""
+        poses = self.true_poses(truth)
+        return np.array([np.hypot(*(self.known.poses - pose)[:, :2].T).min() for pose in poses])
+
+    def without(self, truth, radius=8.0) -> 'Mapped':
+        """Return the map without the views within `radius` [m] of the true poses (N, 3)."""
+        near = np.array([np.hypot(*(self.true_poses(truth) - pose)[:, :2].T).min() for pose in self.known.poses])
+        views = [view for view, distance in zip(self.known.views, near, strict=True) if distance > radius]
+        return dataclasses.replace(self, known=dataclasses.replace(self.known, views=views))
+
+    @cached_property
+    def localizer(self) -> Localizer:
+        """A localiser of the map, for one start after the other."""
+        return Localizer(self.known, PARAMETERS)
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A start that was followed.
+
+    Attributes
+    ----------
+    states : list of State
+        After each scan.
+    way : (N,) float [m]
+        Distance driven at each scan.
+    errors : (N, 2) float [m, rad]
+        Of the pose in the map, NaN where the robot is not localised; infinite if it is not in the map.
+    sigmas : (N,) float [m]
+        Standard deviation of the position.
+    """
+
+    states: list
+    way: np.ndarray
+    errors: np.ndarray
+    sigmas: np.ndarray
+
+    @property
+    def localised(self):
+        """Numbers of the scans after which the robot was localised."""
+        return np.flatnonzero([state is State.LOCALISED for state in self.states])
+
+    def wrong(self) -> bool:
+        """Whether it was ever localised at a wrong pose."""
+        errors = self.errors[self.localised]
+        return bool((errors > RIGHT).any())
+
+    def metres(self) -> float:
+        """Return how far it had driven when it was localised first; infinite if never."""
+        return float(self.way[self.localised[0]]) if len(self.localised) else math.inf
+
+
+def followed(localizer, scans, truth, metres) -> Outcome:
+    """Search for the drive of the `scans` in a map, for so many metres; `truth` (N, 3) in its frame, or None."""
+    odometry = Odometry(PARAMETERS)
+    localizer.reset()
+    states, poses, errors, sigmas = [], [], [], []
+    for number, scan in enumerate(scans):
+        try:
+            update = odometry.process(scan)
+        except ScanError:
+            continue
+        poses.append(update.pose.as_array())
+        if number % 10 == 0 and path_lengths(np.array(poses))[-1] > metres:
+            poses.pop()
+            break
+        found = localizer.process(update)
+        states.append(found.state)
+        off = np.full(3, np.nan if found.pose is None else np.inf)
+        if found.pose is not None and truth is not None:
+            off = relative(truth[number:number + 1], found.pose.as_array()[None])[0]
+        errors.append((math.hypot(*off[:2]), abs(off[2])))
+        sigmas.append(math.sqrt(max(np.diag(found.covariance)[:2])) if found.pose else math.inf)
+    return Outcome(states, path_lengths(np.array(poses)), np.array(errors), np.array(sigmas))
+
+
+def floor_map(seed, lidar) -> Mapped:
+    """Return the map of one drive along the tour of a floor."""
+    world = floor(seed)
+    drive = simulate(world, follow(world.tour, speed=1.2, turn_rate=1.2, radius=0.3), lidar, seed=seed)
+    return Mapped.of(drive.scans, drive.truth)
+
+
+def floor_drive(seed, lidar, number, metres, changed=False):
+    """Return scans and true poses of a start on a floor; `changed`: furniture was moved, and there are people."""
+    world = floor(seed)
+    way = route(world, 1000 * seed + number, metres + 3.0)
+    if changed:
+        world = with_people(moved(world, 0.2, number), 10, number)
+    drive = simulate(world, follow(way, speed=0.8, turn_rate=0.9), lidar, seed=number)
+    return drive.scans, drive.truth
+

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A robot in a map: signatures, grids, and what the localiser says."""
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from dbscan_reg_ros import SE2, Odometry, Parameters
+from dbscan_reg_ros.core.geometry.se2 import wrap
+from dbscan_reg_ros.places.evidence import log_odds, probabilities
+from dbscan_reg_ros.places.grid import Grid
+from dbscan_reg_ros.places.localizer import Localizer, State
+from dbscan_reg_ros.places.matching import FROM_AFAR, Drive, Matcher, Stop
+from dbscan_reg_ros.places.signatures import BEARINGS, Signatures
+from dbscan_reg_ros.robot.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyCounts, trace_rays
+from dbscan_reg_ros.simulation import Lidar, follow, hall, rooms, simulate
+from dbscan_reg_ros.simulation.raycasting import cast
+
+HEADINGS = 2.0 * np.pi / BEARINGS * np.arange(BEARINGS) - np.pi
+RESOLUTION = 0.05
+
+
+def grid_of(world, turn=0.0):
+    """The grid of what a lidar sees along the tour of a world, as a map whose origin is turned."""
+    counts, angles = OccupancyCounts(RESOLUTION), np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
+    directions = np.column_stack((np.cos(angles), np.sin(angles)))
+    for start, end in itertools.pairwise(world.tour):
+        for point in np.linspace(start, end, 2 + int(np.hypot(*(end - start)) / 0.5)):
+            distance = cast(point[None], directions, world.segments, world.circles)
+            counts.add(trace_rays(point + (distance + 0.02)[:, None] * directions, point, RESOLUTION, 30.0))
+    grid = counts.grid()
+    return Grid(grid.values, SE2(theta=turn) @ SE2(*grid.corner), RESOLUTION)
+
+
+@pytest.fixture(scope='module')
+def room():
+    """A grid of 10 by 6 m with a wall around it and a box, in a frame that is turned."""
+    values = np.full((120, 200), FREE, dtype=np.int8)
+    values[[0, -1]], values[:, [0, -1]] = OCCUPIED, OCCUPIED
+    values[40:60, 100:110] = OCCUPIED
+    return Grid(values, SE2(3.0, -2.0, 0.5), RESOLUTION)
+
+
+def test_rays_end_at_surfaces_of_a_grid_in_its_own_frame(room):
+    origin = room.origin @ SE2(2.0, 2.5, 0.0)
+    ranges = room.cast(origin.as_array()[None], np.array((0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)))[0]
+    assert ranges == pytest.approx((3.0, 3.45, 1.95, 2.45), abs=0.06)
+
+
+def test_rays_into_the_unknown_and_long_rays_have_no_return(room):
+    holed = room.values[1:-1, 1:-1].copy()
+    holed[:, 150:] = UNKNOWN
+    grid = Grid(holed, SE2(), RESOLUTION)
+    ranges = grid.cast(np.array([[2.0, 4.5, 0.0]]), np.array((0.0, math.pi)), 5.0)[0]
+    assert math.isinf(ranges[0]) and ranges[1] == pytest.approx(1.95, abs=0.06)
+    assert math.isinf(grid.cast(np.array([[2.0, 4.5, 0.0]]), np.array([math.pi]), 1.0)[0, 0])
+
+
+def test_views_stand_in_free_space(room):
+    poses = room.free_poses(0.5)
+    assert len(poses) == pytest.approx(20 * 12, rel=0.2)
+    assert room.distance.ravel()[room.cells(poses[:, :2])].min() >= 0.25
+
+
+def test_the_view_at_any_heading_is_the_most_similar(room):
+    poses = room.free_poses(0.5)
+    signatures = Signatures(room.cast(poses, HEADINGS))
+    for number in range(0, len(poses), 37):
+        turn = 24 * 2.0 * np.pi / BEARINGS
+        bearings = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 181)
+        ranges = room.cast(poses[number:number + 1] + np.array((0.0, 0.0, turn)), bearings)[0]
+        similarity = signatures.compare(ranges, bearings)
+        view, heading = np.divmod(similarity.argmax(), BEARINGS)
+        assert np.hypot(*(poses[view] - poses[number])[:2]) <= 0.75
+        assert abs(wrap(heading * 2.0 * np.pi / BEARINGS - turn)) < 0.15
+
+
+def test_a_drive_is_moved_to_where_it_was_seen(room):
+    pose = (room.origin @ SE2(3.0, 2.0, 0.3)).as_array()
+    bearings = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 181)
+    ranges = room.cast(pose[None], bearings)[0]
+    drive = Drive.of([Stop.of(np.zeros(3), ranges[:, None] * np.column_stack((np.cos(bearings), np.sin(bearings))))])
+    matcher = Matcher(room)
+    aligned = matcher.align(pose[None] + ((0.2, -0.15, 0.04), (0.0, 0.0, 0.0)), drive, FROM_AFAR)
+    assert aligned.poses == pytest.approx(np.repeat(pose[None], 2, axis=0), abs=0.03)
+    right, far = matcher.count(np.vstack((pose, pose + np.array((1.5, 0.7, 0.5)))), drive)
+    assert right[0] == len(drive.hits) and right[3] >= 0.99 * len(drive.free)
+    assert log_odds(right[None])[0] > 0.0 > log_odds(far[None])[0]
+
+
+def test_probabilities_sum_to_one_and_the_unfound_fades():
+    inside, missed, outside = probabilities(np.array((3.0, -1.0)), 1)
+    assert inside.sum() + missed + outside == pytest.approx(1.0)
+    assert inside[0] / inside[1] == pytest.approx(math.exp(4.0))
+    assert probabilities(np.array((3.0, -1.0)), 5)[1] < 0.1 * missed
+    assert probabilities(np.full(3, -20.0), 5)[2] > 0.99
+
+
+def driven(world, points, seed=3):
+    drive = simulate(world, follow(points, speed=0.8), Lidar(rate=4.0), seed=seed)
+    odometry = Odometry(Parameters())
+    return drive.truth, [odometry.process(scan) for scan in drive.scans]
+
+
+@pytest.fixture(scope='module')
+def floor():
+    return rooms(seed=2)
+
+
+def test_a_start_anywhere_is_found_and_followed(floor):
+    """Backwards through the tour, in a map whose frame is turned against the world."""
+    localizer = Localizer(grid_of(floor, 0.7))
+    truth, updates = driven(floor, floor.tour[6:2:-1])
+    found = [localizer.process(update) for update in updates]
+    first = next(number for number, each in enumerate(found) if each.state is State.LOCALISED)
+    assert np.hypot(*np.diff(truth[:first + 1, :2], axis=0).T).sum() < 3.0
+    for pose, each in zip(truth[first:], found[first:], strict=True):
+        off = (SE2(theta=0.7) @ SE2.from_array(pose)).inverse() @ each.pose
+        assert each.state is State.LOCALISED
+        assert math.hypot(off.x, off.y) < 0.1 and abs(math.degrees(off.theta)) < 1.0
+        assert off.as_array()[:2] @ np.linalg.solve(each.covariance[:2, :2], off.as_array()[:2]) < 60.0
+
+
+def test_another_building_is_not_this_one(floor):
+    localizer = Localizer(grid_of(floor))
+    _, updates = driven(hall(seed=4), hall(seed=4).tour[:4])
+    states = [localizer.process(update).state for update in updates]
+    assert State.LOCALISED not in states and states[-1] is State.NOT_IN_MAP
