@@ -229,6 +229,10 @@ def test_of_two_lidars_both_are_named_and_of_three_the_odd_one(seed):
             False, True, second is not None and second.disagrees]
 
 
+def test_of_a_robot_with_one_lidar_none_is_named():
+    assert named(SE2(), []) == [None]
+
+
 def test_late_stamps_of_the_first_of_three_lidars_are_named():
     others = [compared(SE2(), each, late=0.06) for each in (SE2(0.3, 0.0, 0.0), SE2(-0.3, 0.0, 2.0))]
     found, *rest = named(SE2(), others)

@@ -48,8 +48,10 @@ def named(first: SE2, others: Sequence[ComparedLidar | None]) -> list[Named | No
     if len(found) == len(others) == 1:
         return [_of_first(first, found, 'the other lidar, and one of both is wrong'),
                 Named('the first lidar, and one of both is wrong', found[0].estimate, found[0].error)]
-    if len(found) == len(others) and (of_first := _of_first(first, found, 'all others, which agree with each other')):
-        return [of_first, *([None] * len(others))]
+    if found and len(found) == len(others):
+        of_first = _of_first(first, found, 'all others, which agree with each other')
+        if of_first:
+            return [of_first, *([None] * len(others))]
     return [None, *(Named('the first lidar', each.estimate, each.error) if each else None for each in odd)]
 
 
