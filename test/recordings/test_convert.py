@@ -15,7 +15,7 @@ from dbscan_reg_ros.recordings.conversion import convert
 from dbscan_reg_ros.recordings.kept_part import Gap, Kept
 from dbscan_reg_ros.recordings.poses import relative
 
-BAGS = ['lms511/static', 'urg04lx/exp1', 'ccny_demo/demo.bag']
+BAGS = ['lms511/static', pytest.param('urg04lx/exp1', marks=pytest.mark.long), 'ccny_demo/demo.bag']
 
 
 def messages(path):

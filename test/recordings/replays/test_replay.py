@@ -49,7 +49,7 @@ def names(folder):
 
 @pytest.mark.parametrize(('path', 'expected'), [
     ('lms511/static', ('static', 173, 4101310801000, set())),
-    ('urg04lx/exp1', ('exp1', 756, 212387282000, set())),
+    pytest.param('urg04lx/exp1', ('exp1', 756, 212387282000, set()), marks=pytest.mark.long),
     ('ccny_demo/demo.bag', ('demo', 360, 1282836370970876375, set())),
     ('aces/aces.log.gz', ('aces', 440, 21019900000, {'truth.tum'})),
 ])
@@ -168,6 +168,7 @@ def test_a_sensor_at_rest_keeps_its_pose(replay, tmp_path):
     assert np.degrees(np.abs(poses[:, 2])).max() < 0.05
 
 
+@pytest.mark.long
 def test_the_intel_log_is_scored_by_its_relations_and_its_reference(replay, tmp_path, capsys):
     """With loop closures, the relations are closer than those of graph SLAM, 0.031 m (Kuemmerle et al. 2009)."""
     assert replay('intel/intel.log.gz', '--close-loops') == 0
