@@ -14,8 +14,8 @@ from ..core.odometry.calibration.compared_lidar import ComparedLidar
 from ..core.odometry.calibration.comparisons import LidarComparisons
 from ..core.odometry.calibration.relative_pose import Disagreement, difference
 from ..core.odometry.pipeline import Odometry
+from .odometry import ReplayOdometry
 from .sensor_mounting import prepared
-from .several_lidars.odometry_with_others import OdometryWithOthers
 
 NOT_OBSERVABLE = 'not observable'
 NAMES = 'x', 'y', 'yaw', 'time offset'
@@ -205,8 +205,8 @@ def _moved(other, first, pose):
 def _compared(recording, mounting, others, parameters, progress) -> _Comparisons:
     """Return the comparisons of the further lidars over a recording."""
     comparisons = _Comparisons()
-    odometry = OdometryWithOthers(Odometry(parameters.for_odometry(), comparisons=comparisons), others,
-                                  recording.topic, mounting, parameters)
+    odometry = ReplayOdometry(Odometry(parameters.for_odometry(), comparisons=comparisons), others, recording.topic,
+                              mounting, parameters)
     for scan in prepared(progress(recording.scans()), mounting, parameters.input_of(recording.topic)):
         with suppress(ScanError):
             odometry.process(scan)

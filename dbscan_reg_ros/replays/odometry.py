@@ -1,13 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The odometry of a replay: with the scans of several lidars and the recorded wheel odometry, as in the node."""
+import dataclasses
+from collections import Counter
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+from ..core.errors import ScanError
 from ..core.geometry.se2 import SE2
+from ..core.odometry.calibration.odd_one import UNFIT, named
 from ..core.odometry.pipeline import Odometry
-from ..core.sensor import FIRST
+from ..core.registration.records import Status
+from ..core.sensor import FIRST, Sensor
 from ..robot.external_prior import measured_prior, sensor_prior
 from ..robot.pose_history import PoseHistory
+from ..robot.scan_buffer import RecordedScans
 from .lidars import lidars_of
 from .sensor_mounting import prepared
-from .several_lidars.odometry_with_others import OdometryWithOthers
 from .trajectory import Trajectory
 
 WHEELS = 'odometry'
@@ -20,26 +28,11 @@ def recorded_wheels(parameters, recording):
 
 
 def replay_odometry(parameters, others, topic, mounting, wheels, bodies=None):
-    """Return the odometry for the scans of the first lidar of a recording.
-
-    Parameters
-    ----------
-    parameters : NodeParameters
-    others : list of FurtherLidar
-    topic : str
-    mounting : Mounting
-        Topic and mounting of the first lidar.
-    wheels : (stamps, poses) or None
-        From `recorded_wheels`.
-    bodies : OwnBodies, optional
-        Receives each scan.
-    """
-    odometry = Odometry(parameters.for_odometry())
-    if bodies:
-        odometry = bodies.watching(odometry)
-    if wheels:
-        odometry = OdometryWithWheels(odometry, wheels, mounting, parameters.prior)
-    return OdometryWithOthers(odometry, others, topic, mounting, parameters) if others else odometry
+    """Return the `ReplayOdometry` of a recording; wheels are from `recorded_wheels`, the rest as for this class."""
+    odometry = ReplayOdometry(Odometry(parameters.for_odometry()), others, topic, mounting, parameters)
+    odometry.wheels = wheels and WheelPriors(wheels, mounting, parameters.prior)
+    odometry.bodies = bodies
+    return odometry
 
 
 def wheel_parameters(parameters) -> set[str]:
@@ -76,12 +69,151 @@ def replayed_trajectory(recording, scans, lidars, parameters) -> Trajectory:
     return trajectory
 
 
-class OdometryWithWheels:
-    """Odometry with recorded wheel odometry as the external prior of each scan.
+@dataclass(eq=False)
+class LidarCounts:
+    """Scans of one lidar in a replay, by outcome.
+
+    Attributes
+    ----------
+    unused : int
+        Number of scans before the first and after the last scan of the first lidar, which are not used.
+    ignored : Counter
+        Number of scans that were not used, by reason: `ComparedLidar.reason`.
+    skipped : int
+        Number of scans that could not be used.
+    problem : str
+        Why the last skipped scan could not be used.
+    error : str
+        With which lidars it disagrees, and by how much, or why it was never used; empty if it agrees.
+    statuses : Counter
+        Number of the processed scans by `Status`.
+    """
+
+    unused: int = 0
+    ignored: Counter[str] = field(default_factory=Counter)
+    skipped: int = 0
+    problem: str = ''
+    error: str = ''
+    statuses: Counter[Status] = field(default_factory=Counter)
+
+    def measures(self) -> dict:
+        """Return the number of scans by outcome; ``scans`` is the number of all except the `unused` ones."""
+        counts = {status.value: self.statuses[status] for status in Status}
+        ignored = self.ignored.total()
+        scans = self.skipped + ignored + sum(counts.values())
+        return {'scans': scans, 'skipped': self.skipped, 'ignored': ignored, **counts}
+
+    def __str__(self) -> str:
+        counts = [f'{name} {count}' for name, count in self.measures().items() if count or name == 'skipped']
+        outside = f', {self.unused} not used, as before or after all scans of the first lidar' if self.unused else ''
+        ignored = ''.join(f'; {count} ignored {reason}' for reason, count in self.ignored.items())
+        problem = f'; the last skipped: {self.problem}' if self.problem else ''
+        error = f'; {self.error}' if self.error else ''
+        return ' '.join(counts) + outside + problem + error + ignored
+
+
+class ReplayOdometry:
+    """Odometry over the scans of all lidars in the order of their stamps, each with its external prior.
+
+    Only scans of the first lidar return an update; updates are numbered as if there were no other lidars.
 
     Parameters
     ----------
     odometry : Odometry
+    others : list of FurtherLidar
+    first : str
+        Topic of the first lidar.
+    mounting : Mounting
+        Mounting of the first lidar.
+    parameters : NodeParameters
+        Their `lidar` has mask, time offset and limits of each lidar.
+
+    Attributes
+    ----------
+    wheels : WheelPriors or None
+        External priors of the scans.
+    bodies : OwnBodies or None
+        Receives each scan.
+    recordings : list of Recording
+        Recordings with the topics of the other lidars.
+    counts : dict
+        Topic of a lidar -> `LidarCounts`, beginning with the first lidar.
+    numbers : list of int
+        Number of each scan of the first lidar among the scans of all lidars.
+    """
+
+    def __init__(self, odometry, others, first, mounting, parameters):
+        self.wheels = self.bodies = None
+        self.recordings = [other.recording for other in others]
+        self._odometry, self._first = odometry, FIRST
+        if others:
+            self._first = Sensor(first, limits=parameters.lidar(first).scan)
+        self._sensors = [self._first, *(other.sensor(mounting, rank) for rank, other in enumerate(others, 1))]
+        self._others = RecordedScans((other.scans(parameters.input_of(other.recording.topic)) for other in others), 1)
+        self.counts = {sensor.name: LidarCounts() for sensor in self._sensors}
+        self.numbers: list[int] = []
+        self._used: dict[int, int] = {}
+        self._others_read = 0
+
+    def process(self, scan):
+        """Process the older scans of the other lidars, then a `scan` of the first lidar; return its update."""
+        for other in self._others.before(scan.stamp):
+            self._process_other(other)
+        self.numbers.append(len(self.numbers) + self._others_read)
+        update = self._process(scan, self._first)
+        if not self.recordings:
+            return update
+        number = self._used[update.number] = len(self._used)
+        reference = self._used.get(update.reference_number)
+        return dataclasses.replace(update, number=number, reference_number=reference)
+
+    def finish(self):
+        """Count the scans after the last scan of the first lidar, and name the lidars that disagree."""
+        compared = [self._odometry.comparisons.lidars.get(sensor.name) for sensor in self._sensors]
+        for sensor, lidar, odd in zip(self._sensors, compared, named(self._first.pose, compared[1:]), strict=True):
+            if odd:
+                self.counts[sensor.name].error = f'{odd} (see calibrate)'
+            elif lidar and lidar.unfit:
+                self.counts[sensor.name].error = UNFIT
+        for other in self._others.before():
+            self.counts[self._sensors[other.lidar].name].unused += 1
+
+    def _process_other(self, other):
+        """Process a scan of another lidar, which is not used before the first scan of the first lidar."""
+        sensor = self._sensors[other.lidar]
+        self._others_read += 1
+        if not self._used:
+            self.counts[sensor.name].unused += 1
+            return
+        with suppress(ScanError):
+            self._process(other.scan, sensor)
+
+    def _process(self, scan, sensor):
+        """Return the update of a scan of the lidar `sensor`, and count it; raise a ScanError if it is unusable."""
+        counts = self.counts[sensor.name]
+        try:
+            update = self._odometry.process(scan, self.wheels and self.wheels.prior(scan.stamp), sensor)
+        except ScanError as error:
+            counts.skipped += 1
+            counts.problem = str(error)
+            raise
+        if update.waits:
+            compared = self._odometry.comparisons.lidars.get(sensor.name)
+            counts.ignored[compared.reason if compared else 'as they repeat the scan before'] += 1
+        else:
+            counts.statuses[update.status] += 1
+            if self.wheels:
+                self.wheels.last = scan.stamp
+        if self.bodies:
+            self.bodies.add(scan, update)
+        return update
+
+
+class WheelPriors:
+    """Recorded wheel odometry as the external prior of each scan.
+
+    Parameters
+    ----------
     wheels : (stamps, poses)
         Stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad] of the base.
     mounting : Mounting
@@ -90,27 +222,19 @@ class OdometryWithWheels:
 
     Attributes
     ----------
-    comparisons : LidarComparisons
-        Those of the `odometry`.
+    last : int or None
+        Stamp [ns] of the last scan of any lidar that was used.
     """
 
-    def __init__(self, odometry, wheels, mounting, parameters):
-        self._odometry, self._mounting, self._parameters = odometry, mounting, parameters
+    def __init__(self, wheels, mounting, parameters):
+        self._mounting, self._parameters = mounting, parameters
         self._ahead = zip(wheels[0].tolist(), wheels[1].tolist(), strict=True)
         self._poses = PoseHistory()
-        self._last: int | None = None
-        self.comparisons = odometry.comparisons
+        self.last: int | None = None
 
-    def process(self, scan, prior=None, sensor=FIRST):
-        """Return the update for a scan; arguments, results and errors are those of `Odometry.process`."""
-        update = self._odometry.process(scan, prior or self._prior(scan.stamp), sensor)
-        if not update.waits:
-            self._last = scan.stamp
-        return update
-
-    def _prior(self, stamp):
-        """Return the motion of the first lidar since the last scan of any lidar; None where the wheels have no data."""
+    def prior(self, stamp):
+        """Return the motion of the first lidar since the `last` scan; None where the wheels have no data."""
         while not self._poses.reaches(stamp) and (following := next(self._ahead, None)):
             self._poses.add(following[0], SE2(*following[1]))
-        motion = None if self._last is None else self._poses.motion(self._last, stamp)
+        motion = None if self.last is None else self._poses.motion(self.last, stamp)
         return motion and sensor_prior(measured_prior(motion, self._parameters), self._mounting, self._mounting)

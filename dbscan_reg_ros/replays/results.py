@@ -20,6 +20,7 @@ from .faults import Faults
 from .in_map import InMap
 from .loops import Loops
 from .occupancy_map import write_occupancy_map
+from .odometry import ReplayOdometry
 from .own_bodies import OwnBodies
 from .page.entries import replay_entry
 from .page.index import DriveEntry
@@ -27,7 +28,6 @@ from .page.report import ClosedMap, Report, write_report
 from .page.scan_history import ScanHistory
 from .pairs_to_review import PairsToReview
 from .sensor_mounting import received
-from .several_lidars.odometry_with_others import OdometryWithOthers
 from .summary import describe_contradictions, describe_recordings, summarise, write_metrics
 from .trajectory import Trajectory
 
@@ -55,7 +55,7 @@ class Results:
         Whether to write animation.gif as well.
     index : str
         Address of the index of several replays, relative to the page; empty without an index.
-    lidars : OdometryWithOthers or None
+    lidars : ReplayOdometry or None
         The odometry of several lidars; None for a single lidar.
     grid : float or None
         Side of the cells of the occupancy grid [m]; None: no grid is written.
@@ -86,7 +86,7 @@ class Results:
     map_points: MapPoints
     animation: bool = False
     index: str = ''
-    lidars: OdometryWithOthers | None = None
+    lidars: ReplayOdometry | None = None
     grid: float | None = None
     bodies: OwnBodies | None = None
     on_base: SE2 | None = None

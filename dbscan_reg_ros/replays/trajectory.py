@@ -43,7 +43,7 @@ class Trajectory:
     problems : list of str
         For each scan that was not used, its number, from 0, and the reason.
     numbers : list of int
-        Number of each scan of the recording among those of all lidars, as `OdometryWithOthers.numbers`; empty for a
+        Number of each scan of the recording among those of all lidars, as `ReplayOdometry.numbers`; empty for a
         single lidar.
     explanation : str
         For the trajectory of another program: which scans have a pose in it, and why others have none.
@@ -68,7 +68,7 @@ class Trajectory:
     contradicted: tuple[float, str] = (0.0, '')
 
     def follow(self, scans, odometry):
-        """Process `scans` with `odometry`, an object with the method ``process`` of `Odometry`; yield each result."""
+        """Process `scans` with `odometry`, an `Odometry` or a `ReplayOdometry`; yield each result."""
         turn = SE2(theta=self.yaw)
         for count, scan in enumerate(scans):
             begin, processor = perf_counter(), process_time()

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scans of several lidars of one recording: their order, their odometry, and pairs of them."""
+"""Scans of several lidars of one recording: their order, and pairs of them."""

@@ -2,6 +2,7 @@
 """Replays with the recorded wheel odometry as the external prior."""
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +14,9 @@ from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.sensor import FIRST, Sensor
 from dbscan_reg_ros.recordings import open_recording
-from dbscan_reg_ros.replays.odometry import OdometryWithWheels
+from dbscan_reg_ros.replays.odometry import ReplayOdometry, WheelPriors
 from dbscan_reg_ros.robot.parameter_groups import NodePriorParameters
+from dbscan_reg_ros.robot.parameters import NodeParameters
 
 MOUNTING = Mounting(SE2(0.3, -0.2, math.radians(40.0)))
 
@@ -66,10 +68,13 @@ def test_the_prior_is_the_motion_of_the_lidar_since_the_last_scan_that_was_used(
             return update
 
     stamps, poses = recording.wheel_odometry()
-    odometry = OdometryWithWheels(Recorder(), (stamps, poses), mounting, NodePriorParameters())
     scans = list(recording.scans())[:7]
-    for k, scan in enumerate(scans):
-        odometry.process(scan, sensor=Sensor('rear', rank=1) if k == 4 else FIRST)
+    rear = SimpleNamespace(recording=SimpleNamespace(topic='rear'), scans=lambda _: scans[4:5],
+                           sensor=lambda _, rank: Sensor('rear', rank=rank))
+    odometry = ReplayOdometry(Recorder(), [rear], 'scan', mounting, NodeParameters())
+    odometry.wheels = WheelPriors((stamps, poses), mounting, NodePriorParameters())
+    for scan in [*scans[:4], *scans[5:]]:
+        odometry.process(scan)
     assert priors[0] is None and used == [k != 4 for k in range(7)]
     for k, (scan, prior) in enumerate(zip(scans[1:], priors[1:], strict=True)):
         before = scans[k] if used[k] else scans[k - 1]
