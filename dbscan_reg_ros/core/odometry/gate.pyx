@@ -22,6 +22,8 @@ from ..geometry.se2 cimport SE2
 cdef:
     double INFORMATION_RATIO = 0.5
     # A degenerate result can replace another one only if it is constrained by at least this fraction of its points.
+    double GUESS_CONFIDENCE = 0.01
+    # Below this confidence a result without a prediction is right less often than a weak prediction.
     double MIN_TIME = 0.01
     # Least time [s] for which a difference between motion and prediction is allowed.
     double RECENT_SCORE_RATIO = 0.55
@@ -122,7 +124,7 @@ cdef class Gate:
         if registration.status is not Status.OK or not self._is_reliable(registration):
             if self._is_likely(pose, registration, tentative):
                 return Verdict(Decision.ACCEPT, Reason.SCAN_BEFORE)
-            if self.weak_prior and self.predictions.by_motion_model:
+            if self.weak_prior and self.predictions.by_motion_model and registration.confidence > GUESS_CONFIDENCE:
                 return Verdict(Decision.REJECT, Reason.GUESS)
             failed = registration.status is Status.FAILED
             return Verdict(Decision.REJECT, Reason.FAILED if failed else Reason.UNRELIABLE)

@@ -80,7 +80,9 @@ def test_a_scan_that_is_not_found_in_the_map_may_be_registered_to_the_scan_befor
 
 def test_after_a_weak_prediction_an_unreliable_result_is_a_better_guess():
     weak = gate(covariance=np.diag((1.0, 1.0, 0.5)) ** 2)
-    assert weak.check_scan_before(SE2(), SE2(0.3), result(Status.FAILED)) == (Decision.REJECT, Reason.GUESS)
+    for confidence, reason in ((0.02, Reason.GUESS), (0.005, Reason.FAILED)):
+        found = dataclasses.replace(result(Status.FAILED), confidence=confidence)
+        assert weak.check_scan_before(SE2(), SE2(0.3), found) == (Decision.REJECT, reason)
 
 
 @pytest.mark.parametrize(('status', 'confidence', 'tentative', 'decision'), [
