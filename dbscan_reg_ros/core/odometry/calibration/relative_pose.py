@@ -118,9 +118,10 @@ def estimate_relative_pose(comparisons: Sequence[Comparison], guess: SE2) -> Rel
     A scan that is stamped too early by the time offset dt was measured when the first lidar had moved on by
     ``exp(dt twist)``. So the relative pose that is observed is ``exp(dt twist) X`` for a mounting X.
 
-    The noise of the twists would make the time offset seem known, and too small (errors in variables). The information
-    of this noise is subtracted. Nothing but the comparisons and a wide prior around `guess` determines the result:
-    where the drive does not constrain a parameter, its variance is that of the prior.
+    The noise of the twists makes the time offset seem known, and too small (errors in variables). The information of
+    this noise is subtracted at the end. If it is most of it, the time offset is not known. Nothing but the comparisons
+    and a wide prior around `guess` determines the result: where the drive does not constrain a parameter, its variance
+    is that of the prior.
 
     Parameters
     ----------
@@ -137,50 +138,21 @@ def estimate_relative_pose(comparisons: Sequence[Comparison], guess: SE2) -> Rel
         weights = 1.0 / (scale * (1.0 + squared / (_CUTOFF * scale)) ** 2)
         weighted = np.einsum('nik,nij,n->nkj', jacobian, data.information, weights)
         information = np.einsum('nkj,njl->kl', weighted, jacobian) + prior
-        information, weighted, noise = _without_noise(information, weighted, float(data.noise @ weights))
         gradients = np.einsum('nkj,nj->nk', weighted, error)
-        gradients[:, DOF] += noise * state[DOF] / len(gradients)
         change = np.linalg.solve(information, gradients.sum(axis=0) + prior @ _wrapped(mean - state))
         state = state + change
         if np.abs(change).max() < _CONVERGED:
             break
+    # The time offset without the noise of the twists; the mounting follows it.
+    own, noise = 1.0 / float(np.linalg.inv(information)[DOF, DOF]), float(data.noise @ weights)
+    is_known = noise < _MOST_NOISE * own
+    change = state[DOF] * (noise / (own - noise) if is_known else -1.0) * np.append(
+        -np.linalg.solve(information[:DOF, :DOF], information[:DOF, DOF]), 1.0)
+    information[DOF, DOF] -= noise if is_known else own - PRIOR[DOF] ** -2.0
+    state = state + change
     covariance = np.linalg.inv(information)
     scatter = covariance @ _scatter(weighted, gradients, data.groups) @ covariance
     return RelativePose(SE2.from_array(state[:DOF]), float(state[DOF]), covariance + scatter)
-
-
-def _without_noise(information: FloatArray, weighted: FloatArray,
-                   noise: float) -> tuple[FloatArray, FloatArray, float]:
-    """Remove the `noise` of the twists from the equations of the time offset.
-
-    If most of the information about the time offset, beside the mounting, is noise, then all of it is removed.
-
-    Parameters
-    ----------
-    information : (4, 4) float
-    weighted : (N, 4, 3) float
-        Transposed Jacobians times the information of each comparison.
-    noise : float [1/s^2]
-        Information about the time offset due to the noise of the twists.
-
-    Returns
-    -------
-    information : (4, 4) float
-    weighted : (N, 4, 3) float
-    noise : float [1/s^2]
-        What was subtracted; 0 if all was removed.
-    """
-    mounting = np.linalg.solve(information[:DOF, :DOF], information[:DOF, DOF])
-    shared, least = float(information[DOF, :DOF] @ mounting), float(PRIOR[DOF] ** -2.0)
-    own = float(information[DOF, DOF]) - shared - least
-    information = information.copy()
-    if noise < _MOST_NOISE * own:
-        information[DOF, DOF] -= noise
-        return information, weighted, noise
-    information[DOF, DOF] = shared + least
-    weighted = weighted.copy()
-    weighted[:, DOF] = np.einsum('k,nkj->nj', mounting, weighted[:, :DOF])
-    return information, weighted, 0.0
 
 
 def _scatter(weighted: FloatArray, gradients: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
