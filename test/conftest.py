@@ -74,14 +74,15 @@ def skipping_what_is_missing():
 
 
 def pytest_collection_modifyitems(config, items):
-    """Leave out what takes long, unless with ``--long`` or where an argument names its folder."""
+    """Leave out what takes long, unless with ``--long`` or where its folder is named; of browsers alone."""
     def folder(path):
         path = (config.invocation_params.dir / path).resolve()
         return path.relative_to(ROOT / 'test').parts[:1] if path.is_relative_to(ROOT / 'test') else ()
 
     named = {folder(str(word).partition('::')[0]) for word in config.args} - {()}
-    left_out = [item for item in items if not config.getoption('--long') and folder(item.path) not in named
-                and (folder(item.path) in LONG_FOLDERS or LONG_FIXTURES & {*getattr(item, 'fixturenames', ())})]
+    left_out = [item for item in items if not config.getoption('--long') and (
+        (place := folder(item.path)) in LONG_FOLDERS - named
+        or (LONG_FIXTURES & {*getattr(item, 'fixturenames', ())} and named != {place}))]
     if left_out:
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if item not in left_out]

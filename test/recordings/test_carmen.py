@@ -18,8 +18,6 @@ from dbscan_reg_ros.recordings.conversion import convert
 from dbscan_reg_ros.recordings.poses import compose, relative
 from dbscan_reg_ros.replays.trajectory import trajectory_of
 
-FILES = ['corrected_poses_taken_for_wheels.log', 'equal_stamps.log', 'leap_behind_a_passer_at_288.log.gz',
-         'lost_for_six_scans.log', 'negative_stamps.log', 'no_return_32.767_and_zero_stamps.log', 'zero_stamps_nan.log']
 DIFFER = ('the poses of the scans differ from the ODOM lines: they are used as ground truth, the ODOM lines as wheel '
           'odometry')
 
@@ -312,7 +310,7 @@ def test_register_convert_and_compare_tell_once_what_was_assumed(cases, tmp_path
         assert [said.count(note) for note in notes] == [1, 1, 1]
 
 
-@pytest.mark.parametrize('name', FILES)
+@pytest.mark.parametrize('name', ['equal_stamps.log', 'zero_stamps_nan.log'])
 def test_replay_tells_once_what_was_assumed(cases, tmp_path, capsys, name):
     path = cases / 'carmen' / name
     notes = open_recording(path).notes

@@ -229,10 +229,8 @@ def test_a_list_ends_where_something_else_begins(words, same):
     assert parsed(words) == parsed(same) and parsed(words).files[0] == 'FILE'
 
 
-@pytest.mark.parametrize('words', [['tune', '--parameters', 'advanced.refinement.damping', 'absent.log'],
-                                   ['tune', '--parameters', 'advanced.refinement.damping=0.1:1',
+@pytest.mark.parametrize('words', [['tune', '--parameters', 'advanced.refinement.damping=0.1:1',
                                     'advanced.density.max_distance', 'absent.log'],
-                                   ['convert', '--topics', '/scan', 'absent.log', 'b.log'],
                                    ['convert', '--topics', '/scan', '/robot1/odom', 'absent.log', './b.log'],
                                    pytest.param(['play', '--topics', '/cmd_vel', 'absent.log'], marks=needs_ros)])
 def test_a_list_before_the_file_does_not_swallow_it(shell, words):
@@ -251,7 +249,7 @@ def test_a_slip_in_the_name_of_a_parameter_is_no_file(shell):
     pytest.param(['demo', '--out'], marks=needs_ros), ['register', 'a.log', '0', '1', '--out'],
     ['simulate'], ['convert', 'a.log'],
 ], ids=lambda words: words[0])
-@pytest.mark.parametrize('place', ['/proc/out', 'file/out', 'file/deep/out'])
+@pytest.mark.parametrize('place', ['file/deep/out'])
 def test_what_cannot_be_written_is_refused_before_any_work(shell, tmp_path, words, place):
     (tmp_path / 'file').write_text('')
     (tmp_path / 'a.log').write_text('FLASER 2 1.0 1.0 0 0 0 0 0 0 1.0 host 1.0\n')
