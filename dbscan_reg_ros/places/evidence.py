@@ -14,6 +14,8 @@ INDEPENDENT = 3.0
 """Number of returns, a tenth of a metre apart, that are as good as one that depends on no other."""
 FOUND = 0.7
 """Probability that the right pose is among the candidates of a scan."""
+ALIKE = 0.1
+"""Probability that another place in the map suits the drive as well as the best one that was found."""
 INSIDE = 0.5
 """Probability that the sensor is in the map, before anything was seen."""
 
@@ -35,8 +37,10 @@ def probabilities(odds: NDArray[np.float64], scans: int) -> tuple[NDArray[np.flo
     inside : (H,) float
     missed, outside : float
     """
-    # The evidence compares with chance, by which one of the hypotheses is nearly as good as the right one.
-    missed = (1.0 - FOUND) ** scans
-    weight = INSIDE * (1.0 - missed) * np.exp(np.clip(odds, -50.0, 50.0))
-    total = weight.sum() + INSIDE * missed + 1.0 - INSIDE
-    return weight / total, INSIDE * missed / total, (1.0 - INSIDE) / total
+    likelihood = np.exp(np.clip(odds, -50.0, 50.0))
+    unfound = (1.0 - FOUND) ** scans
+    weight = INSIDE * (1.0 - unfound) * likelihood
+    # A place that was not found yet may suit the drive as well as the best.
+    missed = INSIDE * unfound * (1.0 + ALIKE * likelihood.max())
+    total = weight.sum() + missed + 1.0 - INSIDE
+    return weight / total, missed / total, (1.0 - INSIDE) / total

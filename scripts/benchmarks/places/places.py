@@ -1,27 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
 """How often, how soon and how rightly a start is found in a map, and what is said where there is none."""
 import math
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from dbscan_reg_ros.core.geometry.se2 import wrap
+from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
 from dbscan_reg_ros.evaluation.metrics import path_lengths
-from dbscan_reg_ros.places.localizer import State
+from dbscan_reg_ros.places.grid import RESOLUTION
+from dbscan_reg_ros.places.localizer import Localizer, State
+from dbscan_reg_ros.places.map_files import load_grid
 from dbscan_reg_ros.recordings import data_folder, open_recording
+from dbscan_reg_ros.replays.occupancy_map import write_occupancy_map
 from dbscan_reg_ros.simulation import Lidar
 
 from ..bounds import at_least, at_most
 from ..intel import Intel
 from ..report import Report
-from .starts import COVERED, Mapped, floor_drive, floor_map, followed
+from .starts import COVERED, PARAMETERS, RIGHT, Mapped, floor_drive, floor_map, followed, kidnapped
 
 LIDARS = {'360': Lidar(beams=360, angle_min=-math.pi, rate=5.0), '180': Lidar(rate=8.0)}
 """Field of view [deg] -> lidar on the simulated floors."""
 SEARCH, OUTSIDE = 3.0, 10.0
 """Distance [m] within which a start is to be found, and after which a start outside is to be recognised."""
+SURE, AGAIN = 0.5, 5.0
+"""Standard deviation [m] below which a wrong pose counts; distance [m] within which the pose is to be found again."""
 BOUNDS = {'intel': {'right': at_least(0.95), 'wrong_count': at_most(0), 'mean_m': at_most(0.05),
                     'mean_deg': at_most(0.5)},
           'floors': {'right': at_least(0.97), 'wrong_count': at_most(0), 'mean_m': at_most(0.02)},
+          'grid': {'right': at_least(0.92), 'wrong_count': at_most(0)},
+          'kidnapped': {'again': at_least(1.0), 'wrong_s': at_most(1.0)},
           'changed': {'right': at_least(0.9), 'wrong_count': at_most(0)},
           'outside': {'claimed_count': at_most(0), 'said_outside': at_least(0.8)}}
 
@@ -32,7 +43,8 @@ def summary(outcomes) -> dict:
     wrong = np.array([each.wrong() for each in outcomes])
     errors = np.vstack([each.errors[each.localised] for each in outcomes])
     return {'starts_count': len(outcomes), 'right': float(((metres <= SEARCH) & ~wrong).mean()),
-            'wrong_count': int(wrong.sum()), 'median_way_m': float(np.median(metres)),
+            'among_ten': float(np.mean([each.among_ten for each in outcomes])), 'wrong_count': int(wrong.sum()),
+            'median_way_m': float(np.median(metres)), 'ms_worst': max(each.milliseconds for each in outcomes),
             'mean_m': float(errors[:, 0].mean()), 'mean_deg': math.degrees(errors[:, 1].mean())}
 
 
@@ -40,6 +52,18 @@ def outside_summary(outcomes) -> dict:
     """Return the measures of starts outside a map."""
     return {'starts_count': len(outcomes), 'claimed_count': sum(bool(len(each.localised)) for each in outcomes),
             'said_outside': float(np.mean([State.NOT_IN_MAP in each.states for each in outcomes]))}
+
+
+def kidnapped_summary(outcomes, firsts, rate) -> dict:
+    """Return the measures of drives whose scans from number ``firsts`` on are elsewhere, `rate` [Hz] of them."""
+    again, seconds = [], []
+    for each, first in zip(outcomes, firsts, strict=True):
+        wrong = (each.errors > RIGHT).any(axis=1)
+        seconds.append((wrong & (each.sigmas < SURE)).sum() / rate)
+        right = np.flatnonzero([state is State.LOCALISED for state in each.states[first:]] & ~wrong[first:])
+        again.append(each.way[first + right[0]] - each.way[first] if len(right) else math.inf)
+    return {'starts_count': len(outcomes), 'again': float((np.array(again) <= AGAIN).mean()),
+            'wrong_s': float(max(seconds))}
 
 
 class IntelHalves:
@@ -66,10 +90,19 @@ class IntelHalves:
             if not left:
                 return
 
-    def inside(self, count):
-        """Return the outcomes of starts inside."""
-        return [followed(known.localizer, self.scans[part], known.true_poses(self.truth[part]), SEARCH)
-                for number, known in enumerate(self.maps) for part in self.starts(number, SEARCH, count // 2, True)]
+    def inside(self, count, folder=None):
+        """Return the outcomes of starts inside; with a `folder`, in occupancy grids that are written there."""
+        found = []
+        for number, known in enumerate(self.maps):
+            localizer, truth = known.localizer, known.true_poses(self.truth)
+            if folder:
+                poses, scans = truth[self.parts[number]], self.scans[self.parts[number]]
+                write_occupancy_map(folder, ((pose, SE2.from_array(pose).apply(extract_features(scan).points))
+                                             for pose, scan in zip(poses, scans, strict=True)), RESOLUTION)
+                localizer = Localizer(load_grid(folder / 'map.yaml'), PARAMETERS)
+            found += [followed(localizer, self.scans[part], truth[part], SEARCH)
+                      for part in self.starts(number, SEARCH, count // 2, True)]
+        return found
 
     def removed(self, count):
         """Return the outcomes of starts whose surroundings are not in the map."""
@@ -88,26 +121,84 @@ class IntelHalves:
                 for k, first in enumerate(firsts)]
 
 
+class Maps:
+    """The maps of all parts, each made when it is needed first; `count` starts of each kind, `seeds` floors."""
+
+    def __init__(self, data, count, seeds):
+        self.data, self.count, self.seeds = data, count, range(seeds)
+        self.each = max(count // seeds, 1)
+
+    @cached_property
+    def halves(self) -> IntelHalves:
+        """The halves of the Intel log."""
+        return IntelHalves(Intel.below(self.data))
+
+    @cached_property
+    def floors(self) -> dict:
+        """Field of view -> seed -> `Mapped`."""
+        return {degrees: {seed: floor_map(seed, lidar) for seed in self.seeds} for degrees, lidar in LIDARS.items()}
+
+    def inside(self, changed):
+        """Return field of view -> the outcomes of starts on the floors."""
+        return {degrees: [followed(known.localizer, scans, known.true_poses(truth), SEARCH)
+                          for seed, known in floors.items() for number in range(self.each)
+                          for scans, truth in [floor_drive(seed, LIDARS[degrees], number, SEARCH, changed)]]
+                for degrees, floors in self.floors.items()}
+
+
+def of_intel(maps) -> dict:
+    """Starts in one half of the Intel log, in the map of the other."""
+    return {'intel': summary(maps.halves.inside(maps.count))}
+
+
+def of_grids(maps) -> dict:
+    """The same in occupancy grids."""
+    with TemporaryDirectory() as folder:
+        return {'grid of intel': summary(maps.halves.inside(maps.count, Path(folder)))}
+
+
+def of_floors(maps) -> dict:
+    """Starts on simulated floors, as mapped and changed."""
+    return {f'{name} {degrees}': summary(outcomes) for name, changed in (('floors', False), ('changed', True))
+            for degrees, outcomes in maps.inside(changed).items()}
+
+
+def of_carried(maps) -> dict:
+    """Robots that are carried from one start on a floor to another."""
+    found = {}
+    for degrees, floors in maps.floors.items():
+        lidar, outcomes, firsts = LIDARS[degrees], [], []
+        for seed, known in floors.items():
+            for number in range(max(maps.each // 2, 1)):
+                first, second = (floor_drive(seed, lidar, number + further, AGAIN) for further in (0, 500))
+                scans, truth = kidnapped(*first, *second)
+                outcomes.append(followed(known.localizer, scans, known.true_poses(truth), math.inf))
+                firsts.append(len(first[0]))
+        found[f'kidnapped {degrees}'] = kidnapped_summary(outcomes, firsts, lidar.rate)
+    return found
+
+
+def of_outside(maps) -> dict:
+    """Starts that are not in the map."""
+    aces = list(open_recording(data_folder(maps.data) / 'aces' / 'aces.log.gz').scans())
+    found = {'removed from intel': outside_summary(maps.halves.removed(maps.count)),
+             'aces in intel': outside_summary(maps.halves.other_building(aces, maps.count))}
+    for degrees, floors in maps.floors.items():
+        drives = [(known, floor_drive(seed + 100, LIDARS[degrees], number, OUTSIDE))
+                  for seed, known in floors.items() for number in range(maps.each)]
+        found[f'another floor {degrees}'] = outside_summary([followed(known.localizer, scans, None, OUTSIDE)
+                                                             for known, (scans, _) in drives])
+    return found
+
+
+PARTS = {'intel': of_intel, 'grids': of_grids, 'floors': of_floors, 'carried': of_carried, 'outside': of_outside}
+"""Name of a table -> what measures it."""
+
+
 def measure(args) -> Report:
     """Measure; ``--limit N`` takes at most N starts of each kind."""
-    report, inside, outside = Report(), {}, {}
-    count = args.limit or 100
-    halves = IntelHalves(Intel.below(args.data))
-    inside['intel'] = summary(halves.inside(count))
-    aces = list(open_recording(data_folder(args.data) / 'aces' / 'aces.log.gz').scans())
-    outside['intel removed'] = outside_summary(halves.removed(count))
-    outside['aces in intel'] = outside_summary(halves.other_building(aces, count))
-    for degrees, lidar in LIDARS.items():
-        maps = {seed: floor_map(seed, lidar) for seed in range(args.seeds)}
-        for name, changed in (('floors', False), ('changed', True)):
-            drives = [(known, floor_drive(seed, lidar, number, SEARCH, changed)) for seed, known in maps.items()
-                      for number in range(count // args.seeds)]
-            inside[f'{name} {degrees}'] = summary([followed(known.localizer, scans, known.true_poses(truth), SEARCH)
-                                                   for known, (scans, truth) in drives])
-        other = [(maps[seed], floor_drive(seed + args.seeds, lidar, number, OUTSIDE)) for seed in maps
-                 for number in range(count // args.seeds)]
-        outside[f'another floor {degrees}'] = outside_summary([followed(known.localizer, scans, None, OUTSIDE)
-                                                               for known, (scans, _) in other])
-    report.add_courses('inside', inside, bounds={name: BOUNDS[name.split()[0]] for name in inside})
-    report.add_courses('outside', outside, bounds=dict.fromkeys(outside, BOUNDS['outside']))
+    report, maps = Report(), Maps(args.data, args.limit or 100, args.seeds)
+    for part in args.only or PARTS:
+        rows = PARTS[part](maps)
+        report.add_courses(part, rows, bounds={name: BOUNDS.get(name.split()[0], BOUNDS['outside']) for name in rows})
     return report

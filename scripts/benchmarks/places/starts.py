@@ -4,6 +4,7 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from time import process_time
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from .floors import floor, moved, route
 PARAMETERS = Parameters()
 RIGHT = 0.3, math.radians(3.0)
 """Largest errors [m, rad] of a pose that is right."""
+NEAR = 1.0, math.radians(15.0)
+"""Largest errors [m, rad] of a candidate from which the alignment finds the pose."""
 COVERED = 2.0
 """A start and its drive stay within this distance [m] of the views of the map."""
 
@@ -81,12 +84,18 @@ class Outcome:
         Of the pose in the map, NaN where the robot is not localised; infinite if it is not in the map.
     sigmas : (N,) float [m]
         Standard deviation of the position.
+    among_ten : bool
+        Whether the true pose is among the candidates of the first scan; False if it is not in the map.
+    milliseconds : float
+        Largest processor time of the localiser for a scan [ms].
     """
 
     states: list
     way: np.ndarray
     errors: np.ndarray
     sigmas: np.ndarray
+    among_ten: bool = False
+    milliseconds: float = 0.0
 
     @property
     def localised(self):
@@ -107,7 +116,7 @@ def followed(localizer, scans, truth, metres) -> Outcome:
     """Search for the drive of the `scans` in a map, for so many metres; `truth` (N, 3) in its frame, or None."""
     odometry = Odometry(PARAMETERS)
     localizer.reset()
-    states, poses, errors, sigmas = [], [], [], []
+    states, poses, errors, sigmas, times, among_ten = [], [], [], [], [], False
     for number, scan in enumerate(scans):
         try:
             update = odometry.process(scan)
@@ -117,14 +126,21 @@ def followed(localizer, scans, truth, metres) -> Outcome:
         if number % 10 == 0 and path_lengths(np.array(poses))[-1] > metres:
             poses.pop()
             break
+        if truth is not None and not states:
+            near = localizer.candidates(update.features.points)
+            off = relative(np.repeat(truth[number:number + 1], len(near), axis=0), near)
+            among_ten = bool(((np.hypot(*off[:, :2].T) < NEAR[0]) & (np.abs(off[:, 2]) < NEAR[1])).any())
+        begin = process_time()
         found = localizer.process(update)
+        times.append(process_time() - begin)
         states.append(found.state)
         off = np.full(3, np.nan if found.pose is None else np.inf)
         if found.pose is not None and truth is not None:
             off = relative(truth[number:number + 1], found.pose.as_array()[None])[0]
         errors.append((math.hypot(*off[:2]), abs(off[2])))
         sigmas.append(math.sqrt(max(np.diag(found.covariance)[:2])) if found.pose else math.inf)
-    return Outcome(states, path_lengths(np.array(poses)), np.array(errors), np.array(sigmas))
+    return Outcome(states, path_lengths(np.array(poses)), np.array(errors), np.array(sigmas), among_ten,
+                   1e3 * max(times))
 
 
 def floor_map(seed, lidar) -> Mapped:
@@ -143,3 +159,11 @@ def floor_drive(seed, lidar, number, metres, changed=False):
     drive = simulate(world, follow(way, speed=0.8, turn_rate=0.9), lidar, seed=number)
     return drive.scans, drive.truth
 
+
+
+def kidnapped(scans, truth, others, others_truth):
+    """Join two drives: the robot is carried to the start of the second within the time of a scan."""
+    step = scans[1].stamp - scans[0].stamp
+    later = scans[-1].stamp + step - others[0].stamp
+    return ([*scans, *(dataclasses.replace(scan, stamp=scan.stamp + later) for scan in others)],
+            np.vstack((truth, others_truth)))

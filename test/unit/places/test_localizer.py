@@ -122,6 +122,22 @@ def test_a_start_anywhere_is_found_and_followed(floor):
         assert off.as_array()[:2] @ np.linalg.solve(each.covariance[:2, :2], off.as_array()[:2]) < 60.0
 
 
+def test_two_equal_buildings_are_ambiguous_to_the_end(floor):
+    one = grid_of(floor)
+    inner = one.values[1:-1, 1:-1]
+    twice = np.hstack((inner, np.full((len(inner), 20), UNKNOWN, dtype=np.int8), inner))
+    localizer = Localizer(Grid(twice, one.origin, RESOLUTION))
+    truth, updates = driven(floor, floor.tour[6:3:-1])
+    found = [localizer.process(update) for update in updates]
+    assert {each.state for each in found} == {State.SEARCHING, State.AMBIGUOUS}
+    assert found[-1].state is State.AMBIGUOUS and found[-1].elsewhere < 0.01
+    (first, one_share), (second, other_share) = found[-1].hypotheses[:2]
+    assert one_share + other_share > 0.99 and min(one_share, other_share) > 0.2
+    apart = abs(first.x - second.x)
+    assert apart == pytest.approx(RESOLUTION * (inner.shape[1] + 20), abs=0.1)
+    assert min(abs(each.x - truth[-1, 0]) for each in (first, second)) < 0.1
+
+
 def test_another_building_is_not_this_one(floor):
     localizer = Localizer(grid_of(floor))
     _, updates = driven(hall(seed=4), hall(seed=4).tour[:4])
