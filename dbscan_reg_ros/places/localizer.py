@@ -127,10 +127,11 @@ class Localizer:
         """
         if update.starts_track:
             self._forget()
-        pose = update.scan_pose.as_array()
-        if update.status is not Status.FAILED and self._moved(pose):
-            self._stops.append(Stop.of(pose, update.scan_pose.apply(update.features.points)))
-            self._odometry_covariance = update.covariance
+        pose = update.pose.as_array()
+        if update.status is not Status.FAILED and not update.waits and self._moved(pose):
+            place = update.scan_pose
+            self._stops.append(Stop.of(place.as_array(), place.apply(update.features.points)))
+            self._used, self._odometry_covariance = pose, update.covariance
             if self._state is State.LOCALISED:
                 self._track()
             else:
@@ -153,10 +154,10 @@ class Localizer:
         self._state = State.SEARCHING
 
     def _moved(self, pose: NDArray[np.float64]) -> bool:
-        """Whether the sensor has moved since the last scan that was used."""
+        """Whether the robot has moved since the last scan that was used."""
         if not self._stops:
             return True
-        x, y, theta = relative(self._stops[-1].pose[None], pose[None])[0]
+        x, y, theta = relative(self._used[None], pose[None])[0]
         return math.hypot(x, y) > STEP or abs(theta) > TURN
 
     def _search(self, points: NDArray[np.float64]) -> None:

@@ -7,10 +7,12 @@ import math
 import numpy as np
 
 from dbscan_reg_ros.simulation import World
-from dbscan_reg_ros.simulation.worlds import box, furnished, furniture, wall
+from dbscan_reg_ros.simulation.worlds import box, clearance, furnished, furniture, wall
 
 LENGTH, DEPTH, WIDTH = 60.0, 40.0, 2.2
 """Length and depth of a floor, and width of its corridors [m]."""
+CLEAR = 0.5
+"""Distance [m] of moved furniture from the tour."""
 LARGEST = 1.6
 """Length [m] of the largest piece of furniture."""
 PILASTER = 0.2
@@ -63,15 +65,19 @@ def _along(aisle, rooms):
 
 
 def moved(world, share, seed) -> World:
-    """Return the world with this `share` of its round columns and of its boxes moved by up to a metre."""
+    """Return the world with this `share` of its round columns and boxes moved by up to a metre, clear of the tour."""
     rng = np.random.default_rng(seed)
-    segments, circles = world.segments.copy(), world.circles.copy()
+    segments, circles, none = world.segments.copy(), world.circles.copy(), np.empty((0, 2, 2))
+    way = np.concatenate([np.linspace(a, b, 2 + int(math.dist(a, b) / 0.2)) for a, b in itertools.pairwise(world.tour)])
     size = np.hypot(*(segments[:, 1] - segments[:, 0]).T).reshape(-1, 4).round(6)
     for number in np.flatnonzero((size.max(axis=1) <= LARGEST) & (size.min(axis=1) > PILASTER)):
-        if rng.random() < share:
-            segments[4 * number:4 * number + 4] += rng.uniform(-1.0, 1.0, 2)
-    chosen = rng.random(len(circles)) < share
-    circles[chosen, :2] += rng.uniform(-1.0, 1.0, (chosen.sum(), 2))
+        piece = segments[4 * number:4 * number + 4] + rng.uniform(-1.0, 1.0, 2)
+        if rng.random() < share and clearance(way, piece, np.empty((0, 3))).min() > CLEAR:
+            segments[4 * number:4 * number + 4] = piece
+    for number, circle in enumerate(circles):
+        column = circle + np.append(rng.uniform(-1.0, 1.0, 2), 0.0)
+        if rng.random() < share and clearance(way, none, column[None]).min() > CLEAR:
+            circles[number] = column
     return dataclasses.replace(world, segments=segments, circles=circles)
 
 

@@ -7,6 +7,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from damage import damaged_bytes
 from scipy.optimize import least_squares
 
 from dbscan_reg_ros import SE2, Odometry, Parameters
@@ -104,6 +105,20 @@ def test_a_file_that_was_cut_off_is_refused_in_one_line(saved, share):
     with pytest.raises(MapError, match=r'map\.npz: no map') as raised:
         Map.load(path)
     assert '\n' not in str(raised.value)
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_damaged_file_is_read_or_refused_in_one_line(saved):
+    path, made = saved
+    content, rng, refused = path.read_bytes(), np.random.default_rng(1), 0
+    for _ in range(150):
+        path.write_bytes(damaged_bytes(content, rng, made.poses.tobytes()))
+        try:
+            Map.load(path)
+        except MapError as error:
+            assert str(path) in str(error) and '\n' not in str(error)
+            refused += 1
+    assert refused > 100
 
 
 def test_a_map_that_cannot_be_written_leaves_the_old_one(saved, monkeypatch):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from damage import damaged_bytes
 
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.places.map import MapError
@@ -92,3 +93,15 @@ def test_a_picture_that_was_cut_off_is_refused_in_one_line(tmp_path, share):
     (tmp_path / 'map.pgm').write_bytes(content[:math.floor(share * len(content))])
     with pytest.raises(MapError, match=r'map\.yaml: no map'):
         load_grid(path)
+
+
+def test_a_damaged_grid_is_read_or_refused_in_one_line(tmp_path):
+    path = written(tmp_path)
+    parts, rng = {each: each.read_bytes() for each in (path, tmp_path / 'map.pgm')}, np.random.default_rng(1)
+    for number in range(150):
+        for each, content in parts.items():
+            each.write_bytes(damaged_bytes(content, rng) if number % 2 == (each is path) else content)
+        try:
+            load_grid(path)
+        except MapError as error:
+            assert str(path) in str(error) and '\n' not in str(error)
