@@ -35,8 +35,10 @@ SAME, SAME_TURN = 0.4, 0.12
 """Hypotheses that differ by less than these [m, rad] are one."""
 CERTAIN = 0.99
 """Probability of a hypothesis from which on the robot is localised there, and of the absence of all of them."""
+SURE = math.log(CERTAIN / (1.0 - CERTAIN))
+"""Log-odds of `CERTAIN`."""
 DOUBTED = 4
-"""Number of scans that together show that the pose is wrong."""
+"""Number of the latest scans whose evidence is weighed against `SURE` once the robot is localised."""
 MOST_ALIKE = 1000
 """Number of views and headings, the most similar first, among which the candidates differ."""
 LOST = np.diag((10.0, 10.0, math.pi)) ** 2
@@ -194,7 +196,7 @@ class Localizer:
         aligned = self._matcher.align(self._transform[None], drive)
         recent = Drive.of(self._stops[-DOUBTED:])
         self._transform, self._hypotheses = aligned.poses[0], aligned.poses
-        if log_odds(self._matcher.count(aligned.poses, recent))[0] < 0.0:
+        if log_odds(self._matcher.count(aligned.poses, recent))[0] < -SURE:
             latest = self._stops[-1]
             self._forget()
             self._stops = [latest]
