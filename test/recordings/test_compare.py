@@ -115,6 +115,7 @@ def test_wheels_and_a_second_lidar_are_used_as_in_a_replay(tmp_path, capsys):
     assert found['differences']['drive']['m']['b'] != found['differences']['drive']['m']['a']
 
 
+@pytest.mark.long
 def test_a_baseline_is_compared_like_a_parameter_set(compare):
     code, _, content = compare('defaults', 'identity')
     assert code == 1 and content['differences']['hall']['m']['b'] > 0.5

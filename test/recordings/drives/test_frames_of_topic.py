@@ -90,6 +90,7 @@ def test_a_replay_equals_that_of_two_topics(merged, split, drives, tmp_path, cap
     assert len(results(tmp_path / 'other')[1].splitlines()) == len(drives['rear'])
 
 
+@pytest.mark.long
 def test_compare_and_tune_use_both_as_of_two_topics(merged, split):
     trajectories = [follow_one(bag, lidars, Competitor('A', NodeParameters()), NodeParameters())
                     for bag, lidars in ((merged, Lidars()), (split, Lidars(('/a', '/b'))))]

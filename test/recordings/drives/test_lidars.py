@@ -29,6 +29,7 @@ def test_every_lidar_is_followed_with_the_parameters_of_its_file(root, name):
     assert len(metres) >= 5 and metres.mean() < 0.05 and degrees.mean() < 2.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', ['ldrobot_ld19', 'lds_01'])
 def test_the_motion_within_a_scan_is_removed_where_a_driver_reverses_the_beams(name):
     """Ten seconds through rooms: as sent, the error is several times as large; the direction is found on the way."""
