@@ -28,7 +28,7 @@ pytestmark = needs_rosbags
 
 CLOUD, TRANSFORMS, ODOMETRY = 'sensor_msgs/msg/PointCloud2', 'tf2_msgs/msg/TFMessage', 'nav_msgs/msg/Odometry'
 KINDS = {'/points': CLOUD, '/tf_static': TRANSFORMS, '/truth': ODOMETRY}
-PITCH, MAST, COUNT = math.radians(30.0), (0.2, -0.1, 0.8), 30
+PITCH, MAST, COUNT = math.radians(30.0), (0.2, -0.1, 0.8), 45
 FORM = np.dtype([('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('t', '<u4')])
 HEIGHTS = 0.0, 0.3, 0.9, 2.4
 """Heights of the returns above the floor [m]: at 40 % of the distance on floor and ceiling, else on the walls."""

@@ -159,7 +159,7 @@ def test_a_lidar_that_repeats_a_scan_while_the_robot_drives_is_not_used_until_it
 @pytest.mark.parametrize('noise', [(0.0, 0.0), (0.0, 0.01), (0.01, 0.0)])
 def test_lidars_that_repeat_scans_at_rest_are_not_accused(seed, noise):
     """Without noise a lidar at rest sends equal scans: of both lidars, or of one. Then the robot drives."""
-    front, rear = two_lidars(seed, 5.0, noise, rest=3.0)
+    front, rear = two_lidars(seed, 7.0, noise, rest=3.0)
     odometry = Odometry()
     found = [odometry.process(scan, None, RANKED[scan.frame_id]) for scan in in_order(front, rear)]
     used = [update for update in found if not update.waits]
