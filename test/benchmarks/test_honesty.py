@@ -7,11 +7,12 @@ import math
 import numpy as np
 import pytest
 from benchmarks.__main__ import main
-from benchmarks.odometry import honesty
+from benchmarks.odometry import honesty, misleading_courses
 from benchmarks.odometry.course import Course
 from benchmarks.odometry.drift import Drive
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
@@ -137,3 +138,11 @@ def test_the_table_has_a_row_for_each_group(data, tmp_path, capsys):
     groups = [f'hedge_{lidar}_{kind}' for lidar in ('rplidar_a', 'lds') for kind in ('new', 'fixed')]
     assert [row[f'{group}_scans_count'] for group in groups] == 4 * [40]
     assert row['hedge_rplidar_a_fixed_silent_count'] == 0
+
+
+def test_the_motion_along_a_hedge_of_other_leaves_is_degenerate():
+    """After 2 s; where the same leaves are seen again, it is known."""
+    for course, status in zip(misleading_courses.hedge(seeds=(0,)), (Status.DEGENERATE, Status.OK), strict=False):
+        odometry = Odometry()
+        found = [odometry.process(scan).status for scan in course.scans][20:]
+        assert found.count(status) >= 0.9 * len(found) > 70, course.group

@@ -21,6 +21,7 @@ cdef class Features:
     cdef readonly object measured, twist, points, beams, breaks, normals, density, weights
     cdef readonly Segments segments
     cdef readonly double noise, noise_ratio
+    cdef readonly bint scattered
     cdef readonly OrientedPoints poles, map_points
     # Made when first asked for.
     cdef OrientedPoints _wall_points, _oriented_points, _sampled_points

@@ -126,16 +126,18 @@ cdef class Features:
         Weight of each point of `oriented_points`, from 0 to 1; None if the points keep their own weights.
     map_points : OrientedPoints or None
         Points of other scans that belong to `likelihood_field` as well.
+    scattered : bool
+        Whether the surfaces look different in each scan, as a hedge does: their normals constrain no motion along them.
     """
 
     def __init__(self, measured, points, beams, breaks, normals, Segments segments, double noise, density,
                  double noise_ratio, OrientedPoints poles=None, weights=None, OrientedPoints map_points=None,
-                 twist=None):
+                 twist=None, bint scattered=False):
         self.measured, self.twist = measured, twist
         self.points, self.beams = read_only(points), read_only(beams)
         self.breaks, self.normals = read_only(breaks), read_only(normals)
         self.segments, self.noise, self.density, self.noise_ratio = segments, noise, density, noise_ratio
-        self.poles, self.weights, self.map_points = poles, weights, map_points
+        self.poles, self.weights, self.map_points, self.scattered = poles, weights, map_points, scattered
 
     def __repr__(self):
         return (f'Features({len(self.points)} points, {len(self.segments)} segments, noise {self.noise:.4f} m, '
@@ -143,7 +145,8 @@ cdef class Features:
 
     def __reduce__(self):
         return Features, (self.measured, self.points, self.beams, self.breaks, self.normals, self.segments, self.noise,
-                          self.density, self.noise_ratio, self.poles, self.weights, self.map_points, self.twist)
+                          self.density, self.noise_ratio, self.poles, self.weights, self.map_points, self.twist,
+                          self.scattered)
 
     cdef Features copied(self):
         """Return a copy, to be changed, with all that was made."""
@@ -151,7 +154,7 @@ cdef class Features:
         copy.measured, copy.twist, copy.points, copy.beams = self.measured, self.twist, self.points, self.beams
         copy.breaks, copy.normals, copy.segments, copy.noise = self.breaks, self.normals, self.segments, self.noise
         copy.density, copy.noise_ratio, copy.poles = self.density, self.noise_ratio, self.poles
-        copy.weights, copy.map_points = self.weights, self.map_points
+        copy.weights, copy.map_points, copy.scattered = self.weights, self.map_points, self.scattered
         copy._wall_points, copy._oriented_points, copy._sampled_points = (
             self._wall_points, self._oriented_points, self._sampled_points)
         copy._scan, copy._leverage, copy._isolated = self._scan, self._leverage, self._isolated
@@ -199,6 +202,12 @@ cdef class Features:
     def with_noise_ratio(self, double noise_ratio):
         """Give the points the noise of another ratio."""
         return self.with_points_of(self.normals, self.poles, self.weights, noise_ratio)
+
+    def with_scattered_surfaces(self):
+        """Return these features as `scattered` ones."""
+        other = self.copied()
+        other.scattered = True
+        return other
 
     def with_map_points(self, OrientedPoints map_points):
         """Add points of other scans to the `likelihood_field`."""

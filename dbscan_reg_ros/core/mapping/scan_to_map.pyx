@@ -17,7 +17,7 @@ from ..features.oriented_points cimport OrientedPoints
 from ..geometry.plane cimport length_of, wrap
 from ..geometry.symmetric cimport Symmetric, Weakest, weakest_of
 from ..registration.point_to_line cimport Equations, write_equations
-from ..registration.uncertainty cimport is_corridor_like, write_parallel
+from ..registration.uncertainty cimport is_corridor_like, make_walls_parallel, wall_direction, write_parallel
 from .correspondences cimport Correspondences, Turned
 from .lookup cimport ScanLookup
 
@@ -73,7 +73,7 @@ def align_to_map(window, features, initial, prior, p, coarse=None):
     if parallel:
         make_parallel(found, motion, least)
     if direction is not None or initial.rotation_unobservable:
-        information = strengthened(information, points, found, initial, p)
+        information = strengthened(information, features, found, initial, p)
     prior = PosePrior(prior.pose, information)
     pose = align(found, pose, prior, scales[:last], damping)
     # The nearest lines of dense points change with small steps, those of sparse points hardly.
@@ -119,7 +119,7 @@ cdef void make_parallel(Correspondences found, const double *motion, double leas
             found.a[k], found.b[k] = found.a[k] - motion[0] * across, found.b[k] - motion[1] * across
 
 
-cdef strengthened(const double[:, ::1] information, OrientedPoints points, Correspondences found, initial, p):
+cdef strengthened(const double[:, ::1] information, features, Correspondences found, initial, p):
     """Strengthen the prior's `information` ``(3, 3)`` along degenerate motions.
 
     The points seem to constrain a degenerate motion, but mostly due to noise of their normals. To compensate, the
@@ -130,7 +130,7 @@ cdef strengthened(const double[:, ::1] information, OrientedPoints points, Corre
     cdef Equations sums = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     found.add(step, p.refinement.map_first_scale, &sums)
     write_equations(&sums, &seeming[0, 0])
-    table = residuals(found, points, step, found.pose.theta)
+    table = residuals(found, features.oriented_points, step, found.pose.theta, features.scattered)
     shared = shared_information(table)
     if initial.direction is not None:
         strengthen(information, seeming, shared, degenerate_translation(initial.direction, shared, p.decision), result)
@@ -161,10 +161,12 @@ cdef int strengthen(const double[:, ::1] information, const double[:, ::1] seemi
 
 
 @cython.boundscheck(False)
-cdef double[:, ::1] residuals(Correspondences found, OrientedPoints points, const double *step, double theta):
+cdef double[:, ::1] residuals(Correspondences found, OrientedPoints points, const double *step, double theta,
+                              bint scattered):
     """Return ``(8, M)``: error, weight and Jacobian of the pairs after a `step`, and the Jacobian of their points.
 
-    The latter is computed with the points' own normals, of a scan with the heading `theta` [rad].
+    The latter is computed with the points' own normals, of a scan with the heading `theta` [rad]. Where surfaces are
+    `scattered`, their normals constrain no motion along them.
     """
     cdef double[:, ::1] table = np.empty((8, found.count)), own = np.empty((3, points.size))
     cdef double c = cos(theta), s = sin(theta), x, y
@@ -180,6 +182,8 @@ cdef double[:, ::1] residuals(Correspondences found, OrientedPoints points, cons
             table[1, k], table[2, k], table[3, k], table[4, k] = found.weight[k], found.a[k], found.b[k], found.r[k]
             p = found.of_point[k]
             table[5, k], table[6, k], table[7, k] = own[0, p], own[1, p], own[2, p]
+        if scattered:
+            make_walls_parallel(table, wall_direction(table))
     return table
 
 
@@ -210,7 +214,7 @@ def alignment_uncertainty(features, pose, Correspondences found, initial, p):
     start = found.pose
     cdef double[3] step = [pose.x - start.x, pose.y - start.y, wrap(pose.theta - start.theta)]
     found.weigh(step, p.refinement.score_scale)
-    table = residuals(found, features.oriented_points, step, pose.theta)
+    table = residuals(found, features.oriented_points, step, pose.theta, features.scattered)
     return match_covariance(table, features.noise, p.decision, pose.theta, initial.direction is not None,
                             initial.rotation_unobservable)
 
@@ -223,19 +227,21 @@ def expected_observability(window, key_frame, features, pose, p):
     points = features.sampled_points
     found = ScanLookup(window.slots, points, p.density).in_frame(window.frames.index(key_frame), pose)
     found.weigh(step, p.refinement.score_scale)
-    table = residuals(found, points, step, pose.theta)
+    table = residuals(found, points, step, pose.theta, features.scattered)
     return match_covariance(table, features.noise, p.decision, pose.theta)[1]
 
 
 def information_along(features, pose, double angle, p):
     """Return the information of the points of a scan at `pose` about the translation along `angle` [rad].
 
-    That of points whose normal is nearly perpendicular to this direction is zero.
+    That of points whose normal is nearly perpendicular to this direction is zero, and that of scattered surfaces.
     """
     cdef OrientedPoints points = features.oriented_points
     cdef double turn = pose.theta - angle, least = p.translation.min_crossing_sine, total = 0.0
     cdef double c = cos(turn), s = sin(turn)
     cdef Py_ssize_t k
+    if features.scattered:
+        return 0.0
     for k in range(points.size):
         total += point_information(points, k, c, s, least)
     return total
@@ -254,7 +260,7 @@ def sees_new_surface(features, pose, Correspondences found, double angle, p):
     """Whether points on surfaces that no key frame contains would constrain the translation along `angle` [rad].
 
     They must provide at least half of all information along this degenerate direction, because noise makes a few
-    points of every wall seem new.
+    points of every wall seem new. Scattered surfaces provide none.
     """
     cdef OrientedPoints points = features.oriented_points
     cdef double[::1] known = np.zeros(points.size)
@@ -262,6 +268,8 @@ def sees_new_surface(features, pose, Correspondences found, double angle, p):
     cdef double c = cos(turn), s = sin(turn)
     cdef double[3] step = [pose.x - found.pose.x, pose.y - found.pose.y, wrap(pose.theta - found.pose.theta)]
     cdef Py_ssize_t k
+    if features.scattered:
+        return False
     found.weigh(step, p.refinement.map_first_scale)
     for k in range(found.count):
         known[found.of_point[k]] += found.weight[k]

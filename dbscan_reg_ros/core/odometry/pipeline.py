@@ -153,7 +153,10 @@ class Odometry:
         if outcome.match is None and outcome.rejoined is None:
             return update.coast(state, features, outcome, gate, p)
         # Found: align with the map; update motion, covariances, key frames and heading; report.
-        return self._learn_timing(update.follow(state, outcome, gate, p), sent)
+        result = update.follow(state, outcome, gate, p)
+        assert result.registration is not None
+        own.agreement = own.agreement.after(result.registration.agreement)
+        return self._learn_timing(result, sent)
 
     def predict_motion(self, stamp: int) -> Prior | None:
         """Predict the motion to a scan at `stamp` [ns] with the motion model alone; None before the first scan."""
@@ -238,7 +241,7 @@ class Odometry:
         noise = own.noise if again else own.noise.after(returns.noise_ratio)
         features = extract_from_returns(returns, p, noise.value, p.odometry.pole_size)
         own.noise = noise
-        return features
+        return features.with_scattered_surfaces() if own.agreement.is_chance else features
 
     def _learn_timing(self, result: OdometryUpdate, sent: Scan) -> OdometryUpdate:
         """Learn from a key frame, a scan as `sent`, when its beams are measured; report and apply what was found."""

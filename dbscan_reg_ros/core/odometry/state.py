@@ -22,6 +22,7 @@ from .models.propagation import CovariancePropagation
 from .models.scan_order import ScanOrder
 from .models.stamp_filter import StampFilter
 from .models.stamps import ScanInterval
+from .models.surface_agreement import SurfaceAgreement
 from .models.wheel_calibration import WheelCalibration
 
 
@@ -123,18 +124,20 @@ class Tracking(NamedTuple):
 
 @dataclass
 class SensorState:
-    """State stored for each sensor: what is known about its stamps, its range noise, and its returns and beams.
+    """State stored for each sensor: what is known about its stamps, noise, surfaces, returns and beams.
 
     Attributes
     ----------
     stamps : StampFilter
     noise : NoiseRatioHistory
+    agreement : SurfaceAgreement
     no_return : NoReturn
     timing : BeamTimingSearch
     """
 
     stamps: StampFilter = field(default_factory=StampFilter)
     noise: NoiseRatioHistory = field(default_factory=NoiseRatioHistory)
+    agreement: SurfaceAgreement = field(default_factory=SurfaceAgreement)
     no_return: NoReturn = field(default_factory=NoReturn)
     timing: BeamTimingSearch = field(default_factory=BeamTimingSearch)
 

@@ -12,6 +12,11 @@ cdef enum:
     ROTATED_X = ROWS, ROTATED_Y, ALIKE, KERNEL, FIT_ROWS
 
 
+cdef struct Agreement:
+    # Sums over points: products of the components of both normals along a direction, and mean squares of the two.
+    double shared, seen
+
+
 cdef class Fit:
     cdef OrientedPoints points
     # Position [m] at which the points were looked up.
@@ -21,6 +26,7 @@ cdef class Fit:
     cpdef Fit of_every(self, Py_ssize_t step, OrientedPoints points)
     cdef void weigh(self, double scale) noexcept nogil
     cdef void derive_by_own(self, double theta) noexcept nogil
+    cdef Agreement agreement(self, double angle, double scale) noexcept nogil
 
 
 cdef Fit fit_at(Hypothesis *at, OrientedPoints points, Lines lines, double min_cosine)

@@ -88,6 +88,27 @@ cdef class Fit:
             table[OWN_THETA, k] = table[ROTATED_X, k] * y - table[ROTATED_Y, k] * x
 
 
+    @cython.boundscheck(False)
+    cdef Agreement agreement(self, double angle, double scale) noexcept nogil:
+        """Return how well both normals of all points near a line agree along a direction [rad].
+
+        Points are near by a kernel of the `scale` [m], whether their normals are alike or not. The ratio of the sums is
+        1 for equal normals, and 0 on average for normals that are independent.
+        """
+        cdef const double[::1] weights = self.points.weights_view
+        cdef double[:, ::1] table = self.table
+        cdef double c = cos(angle), s = sin(angle), factor = -0.5 / (scale * scale), line, own, weight
+        cdef Agreement found = Agreement(0.0, 0.0)
+        cdef Py_ssize_t k
+        for k in range(self.points.size):
+            line, own = c * table[BY_X, k] + s * table[BY_Y, k], c * table[OWN_X, k] + s * table[OWN_Y, k]
+            weight = weights[k] * decaying_exp(factor * table[ERROR, k] * table[ERROR, k])
+            if table[BY_X, k] != 0.0 or table[BY_Y, k] != 0.0:
+                found.shared += weight * line * own
+                found.seen += 0.5 * weight * (line * line + own * own)
+        return found
+
+
 def fit(candidate, OrientedPoints points, field, double min_normal_cosine):
     """Find the `Fit` of a scan's points to the reference.
 

@@ -109,6 +109,8 @@ class Assessment(NamedTuple):
         Of the best.
     evidence : Evidence
         For the best.
+    agreement : (float, float)
+        Of the best, as in `Registration`.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -117,3 +119,4 @@ class Assessment(NamedTuple):
     covariance: FloatArray
     observed: Observability
     evidence: Evidence
+    agreement: tuple[float, float]

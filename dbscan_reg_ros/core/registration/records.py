@@ -124,6 +124,9 @@ class Registration:
         What the confidence is computed from; None if nothing was found, and by the method of the paper.
     rivals : tuple of Hypothesis
         Those `hypotheses` whose motion differs from that of the result, best first.
+    agreement : (float, float)
+        Effective number of points that constrain the translation in its least constrained direction: by their normals
+        in both scans, and by those in either scan. Points whose normals disagree count as well, against the first.
     """
 
     transform: SE2
@@ -140,6 +143,7 @@ class Registration:
     confidence: float = 0.0
     evidence: Evidence | None = None
     rivals: tuple[Hypothesis, ...] = ()
+    agreement: tuple[float, float] = (0.0, 0.0)
 
     def __repr__(self) -> str:
         """Return one line."""

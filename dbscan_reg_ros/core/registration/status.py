@@ -39,7 +39,7 @@ def decide(problem: Problem, assessed: Assessment) -> Registration:
         find_matches=partial(match_segments, reference.segments, current.segments, best.transform),
         reason='; '.join(reasons), weakest_information=observed.weak,
         rotation_unobservable=observed.rotation < p.min_information, confidence=certainty, evidence=assessed.evidence,
-        rivals=rivals)
+        rivals=rivals, agreement=assessed.agreement)
     return found if problem.prior is None else demoted_if_poor(found, p)
 
 

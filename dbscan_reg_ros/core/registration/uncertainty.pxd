@@ -25,5 +25,7 @@ cdef Limits limits_of(parameters) except *
 cdef Uncertainty estimate(const double[:, ::1] table, double noise, Limits *limits, double theta,
                           bint latest_degenerate, bint rotation_unobservable) noexcept nogil
 cdef covariance_of(Uncertainty *found)
+cdef double wall_direction(const double[:, ::1] table) noexcept nogil
+cdef void make_walls_parallel(double[:, ::1] table, double angle) noexcept nogil
 cdef void write_parallel(double angle, Symmetric *information, double few, double *motion) noexcept nogil
 cdef bint is_corridor_like(Symmetric *information, double angle) noexcept nogil

@@ -12,11 +12,14 @@ from libc.math cimport cos, fabs, sin, sqrt
 from libc.string cimport memcpy
 
 from ..geometry.plane cimport length_of
-from ..geometry.symmetric cimport Symmetric, Weakest, inverse_of, symmetric, turn, weakest_of, write_rows
+from ..geometry.symmetric cimport (Symmetric, Weakest, inverse_of, symmetric, turn, weakest_direction, weakest_of,
+                                  write_rows)
 
 cdef double SIGMAS = tolerance.SIGMAS, TINY = tolerance.TINY
 # Number of neighbouring points whose normals are correlated.
 cdef double DEPENDENT = 5.0
+# Largest sine of the angle between a wall and the lines that its direction is found from, in one pass after the other.
+cdef double[2] NEARLY_PARALLEL = [0.5, 0.25]
 cdef double CORRIDOR_RATIO = residual_records.CORRIDOR_RATIO
 cdef double[3] PRIOR_INFORMATION = [*residual_records.PRIOR_INFORMATION]
 
@@ -195,6 +198,38 @@ cdef void write_parallel(double angle, Symmetric *information, double few, doubl
 cdef bint is_corridor_like(Symmetric *information, double angle) noexcept nogil:
     """Whether few points face along the direction `angle` [rad], by their information."""
     return translational(information, angle) < CORRIDOR_RATIO * (information.xx + information.yy)
+
+
+cdef double wall_direction(const double[:, ::1] table) noexcept nogil:
+    """Return the direction [rad] of the walls that run along the weakest direction of all points.
+
+    Normals that stray from these walls are left out, so that those of a scattered surface hardly turn it.
+    """
+    cdef double[3] motion = [0.0, 0.0, 0.0]
+    cdef Symmetric shared = shared_of(table, motion, 0.0), sums
+    cdef double angle = weakest_of(&shared).angle, c, s, x, y
+    cdef Py_ssize_t again, k
+    for again in range(2):
+        sums, c, s = Symmetric(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), cos(angle), sin(angle)
+        for k in range(table.shape[1]):
+            x, y = table[BY_X, k], table[BY_Y, k]
+            if fabs(c * x + s * y) < NEARLY_PARALLEL[again] * length_of(x, y):
+                sums.xx += table[WEIGHT, k] * x * x
+                sums.xy += table[WEIGHT, k] * x * y
+                sums.yy += table[WEIGHT, k] * y * y
+        if sums.xx + sums.yy > 0.0:
+            angle = weakest_direction(sums.xx, sums.xy, 0.0, sums.yy, 0.0, 0.0).angle
+    return angle
+
+
+cdef void make_walls_parallel(double[:, ::1] table, double angle) noexcept nogil:
+    """Remove the components of all normals along a direction [rad]: they constrain no motion along it."""
+    cdef double c = cos(angle), s = sin(angle), line, own
+    cdef Py_ssize_t k
+    for k in range(table.shape[1]):
+        line, own = c * table[BY_X, k] + s * table[BY_Y, k], c * table[OWN_X, k] + s * table[OWN_Y, k]
+        table[BY_X, k], table[BY_Y, k] = table[BY_X, k] - c * line, table[BY_Y, k] - s * line
+        table[OWN_X, k], table[OWN_Y, k] = table[OWN_X, k] - c * own, table[OWN_Y, k] - s * own
 
 
 cdef struct Spread:

@@ -16,10 +16,11 @@ from ..scoring import find_rivals
 from ...features.oriented_points cimport OrientedPoints
 from ...geometry.ordering cimport sort_up_to_rounding
 from ...geometry.plane cimport wrap
-from ..fit cimport Fit, fit_at
+from ..fit cimport Agreement, Fit, fit_at
 from ..point_to_line cimport Hypotheses, Hypothesis as Motion
 from ..scoring cimport RIVAL_ANGLE, RIVAL_DISTANCE, VIOLATION_TOLERANCE, choose_distinct
-from ..uncertainty cimport Limits, Uncertainty, covariance_of, estimate, limits_of
+from ..uncertainty cimport (Limits, Uncertainty, covariance_of, estimate, limits_of, make_walls_parallel,
+                            wall_direction)
 from ..views cimport Lines, lines_of
 from .evidence cimport Findings, Scene, collect, odds_of, prior_gain
 
@@ -32,6 +33,8 @@ cdef class Judge:
     cdef Lines lines
     cdef Limits limits
     cdef double noise, scale, tolerance, min_cosine
+    cdef bint scattered
+    cdef Agreement agreement
 
     def __cinit__(self, problem):
         reference, current, p = problem.reference, problem.current, problem.parameters
@@ -39,13 +42,19 @@ cdef class Judge:
         self.lines, self.limits = lines_of(reference.likelihood_field), limits_of(p.decision)
         self.noise, self.scale = max(reference.noise, current.noise), p.refinement.score_scale
         self.tolerance, self.min_cosine = VIOLATION_TOLERANCE, p.density.min_normal_cosine
+        self.scattered = current.scattered
 
     cdef Uncertainty examine(self, Motion *at, bint polishing, Findings *evidence) except *:
         """Write the evidence for a hypothesis and its log-odds, and return its uncertainty; polish it first."""
         cdef Fit found = self.polished(at) if polishing else self.fit(at, self.current.points)
         cdef Uncertainty uncertainty
+        cdef double angle
         found.weigh(self.scale)
         found.derive_by_own(at.theta)
+        angle = wall_direction(found.table)
+        self.agreement = found.agreement(angle, self.scale)
+        if self.scattered:
+            make_walls_parallel(found.table, angle)
         uncertainty = estimate(found.table, self.noise, &self.limits, at.theta, False, False)
         collect(self.reference, self.current, found, at, uncertainty.weak, self.tolerance, evidence)
         at.odds = odds_of(evidence)
@@ -106,7 +115,8 @@ def assess(problem, Hypotheses found):
         direction = of_best.angle if of_best.weak < judge.limits.few else None
         rivals = tuple(compress(hypotheses, find_rivals(found.motions(), direction)))
     return Assessment(hypotheses, rivals, found.rows[0].overlap, covariance_of(&of_best),
-                      Observability(of_best.angle, of_best.weak, of_best.rotation), Evidence(**evidence))
+                      Observability(of_best.angle, of_best.weak, of_best.rotation), Evidence(**evidence),
+                      (judge.agreement.shared, judge.agreement.seen))
 
 
 def evidence_of(problem, candidates):
