@@ -16,7 +16,7 @@ from dbscan_reg_ros.core.features.surfaces import estimate_normals, find_breaks
 from dbscan_reg_ros.core.features.tables import build_free_space_profile, build_likelihood_field
 from dbscan_reg_ros.core.geometry.se2 import as_complex, as_vectors
 from dbscan_reg_ros.core.mapping.correspondences import align
-from dbscan_reg_ros.core.mapping.dynamic_points import beside, detached_points, dynamic_points
+from dbscan_reg_ros.core.mapping.dynamic_points import beside, detached_points, dynamic_points, information_ratio
 from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
 from dbscan_reg_ros.core.mapping.lookup import confirm, look_up_correspondences
 from dbscan_reg_ros.core.mapping.records import PosePrior
@@ -81,6 +81,7 @@ def test_points_meet_key_frames(around, points, count):
     near = beside(points, dynamic, 0.3)
     assert (near >= dynamic).all() and len(near) == len(points)
     assert len(detached_points(points, 0.8, 0.3, True)) == len(points)
+    assert 0.0 <= information_ratio(points, np.flatnonzero(dynamic)) <= 1.0 + 1e-6
 
 
 @given(SIZES, st.integers(1, 5))

@@ -12,7 +12,7 @@ from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.features.tables import build_likelihood_field
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.mapping.correspondences import align, weighted_by_agreement
-from dbscan_reg_ros.core.mapping.dynamic_points import beside, detached_points, dynamic_points
+from dbscan_reg_ros.core.mapping.dynamic_points import beside, detached_points, dynamic_points, information_ratio
 from dbscan_reg_ros.core.mapping.local_map import older_map_points
 from dbscan_reg_ros.core.mapping.lookup import Slots, confirm, look_up_correspondences, look_up_subsets
 from dbscan_reg_ros.core.mapping.records import PosePrior
@@ -214,6 +214,16 @@ def test_small_objects_with_space_on_both_sides_are_detached(seed, closed):
                                         and sides[1] > radius[index[-1]] + margin)
     assert 0 < np.count_nonzero(expected) < 40
     np.testing.assert_array_equal(detached_points(points, size, margin, closed), expected)
+
+
+@SEEDS
+def test_the_ratio_of_information_is_the_largest_generalised_eigenvalue(seed):
+    rng = np.random.default_rng(seed)
+    points = oriented_points(rng, 100)
+    chosen = np.sort(rng.permutation(100)[:20])
+    rows = np.stack((points.normals.real, points.normals.imag))
+    values = np.linalg.eigvals(np.linalg.solve(rows @ rows.T, rows[:, chosen] @ rows[:, chosen].T))
+    assert information_ratio(points, chosen) == pytest.approx(values.real.max())
 
 
 @SEEDS

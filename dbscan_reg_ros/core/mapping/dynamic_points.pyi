@@ -2,7 +2,7 @@
 """Dynamic points (people, doors, robots), which lie in free space of key frames, and movable objects."""
 from ..features.oriented_points import OrientedPoints
 from ..features.records import Features
-from ..geometry.array_types import BoolArray, FloatArray
+from ..geometry.array_types import BoolArray, FloatArray, IntArray
 from ..geometry.se2 import SE2
 from ..parameters.tree import Parameters
 from .key_frame_window import KeyFrameWindow
@@ -15,3 +15,4 @@ def dynamic_points(
 ) -> BoolArray: ...
 def detached_points(points: OrientedPoints, size: float, margin: float, closed: bool) -> FloatArray: ...
 def beside(points: OrientedPoints, dynamic: BoolArray, margin: float) -> BoolArray: ...
+def information_ratio(points: OrientedPoints, chosen: IntArray) -> float: ...

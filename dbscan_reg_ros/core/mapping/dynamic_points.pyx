@@ -3,15 +3,17 @@
 """Dynamic points (people, doors, robots), which lie in free space of key frames, and movable objects."""
 import numpy as np
 
+from ..geometry import tolerance
 from .lookup import confirm
 
-from libc.math cimport INFINITY, cos, sin
+from libc.math cimport INFINITY, cos, sin, sqrt
 
 from ..features.free_space cimport PlacedPoints, write_bins
 from ..features.oriented_points cimport BLOCK, OrientedPoints
 from ..geometry.plane cimport distance, length_of, modulus
 from .lookup cimport Slot, Slots
 
+cdef double TINY = tolerance.TINY
 # A movable object is one observation: its points share its motion, and weigh together at most as this many static ones.
 cdef double OBJECT_WEIGHT = 0.5
 # If more than this fraction of a group of neighbouring points lie in free space, all its points are dynamic.
@@ -43,6 +45,8 @@ def without_dynamic_points(features, pose, window, parameters, sensor=''):
     walls = features.wall_points
     movable = candidates.nonzero()[0]
     sizes = candidates[movable]
+    if len(movable) and information_ratio(walls, movable) < p.movable_information_ratio:
+        movable, sizes = movable[:0], sizes[:0]
     if features.poles:
         poles = np.arange(len(walls), len(features.oriented_points))
         movable, sizes = np.concatenate((movable, poles)), np.concatenate((sizes, np.ones(len(poles))))
@@ -253,3 +257,33 @@ def beside(OrientedPoints points, const unsigned char[::1] dynamic, double margi
                 last = k
             flag[k] = flag[k] or (last >= 0 and distance(own[last], own[k]) <= margin)
     return near
+
+
+def information_ratio(OrientedPoints points, const Py_ssize_t[::1] chosen):
+    """Return the fraction of the information about the translation that the chosen points provide.
+
+    Parameters
+    ----------
+    points : OrientedPoints
+    chosen : (C,) int array
+        Indices of points.
+
+    Returns
+    -------
+    float
+        Largest fraction over all directions of the translation, from 0 to 1: the largest generalised eigenvalue.
+    """
+    cdef const double complex[::1] normals = points.normals_view
+    cdef double xx = 0.0, xy = 0.0, yy = 0.0, part_xx = 0.0, part_xy = 0.0, part_yy = 0.0, determinant, half, product
+    cdef Py_ssize_t k
+    cdef double complex n
+    for k in range(normals.shape[0]):
+        n = normals[k]
+        xx, xy, yy = xx + n.real * n.real, xy + n.real * n.imag, yy + n.imag * n.imag
+    for k in range(chosen.shape[0]):
+        n = normals[chosen[k]]
+        part_xx, part_xy, part_yy = part_xx + n.real * n.real, part_xy + n.real * n.imag, part_yy + n.imag * n.imag
+    determinant = max(xx * yy - xy * xy, TINY)
+    half = 0.5 * (xx * part_yy - 2.0 * xy * part_xy + yy * part_xx) / determinant
+    product = (part_xx * part_yy - part_xy * part_xy) / determinant
+    return half + sqrt(max(half * half - product, 0.0))

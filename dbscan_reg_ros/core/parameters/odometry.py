@@ -90,6 +90,11 @@ class OdometryParameters(ParameterGroup):
         0.03, bounds=(0.0, 1.0), case='symptom: jumps of the pose while people walk by',
         help='Weight of a point of a movable object until it is confirmed as static. Larger values let people disturb '
              'the pose more; smaller values lose information in rooms with small objects.')
+    movable_information_ratio: float = parameter(
+        0.33, bounds=(0.0, 1.0), case='courses chairs, trees',
+        help='Movable objects keep full weight where they provide less than this fraction of the translational '
+             'information in every direction. Larger values reduce their weight less often; smaller values do so more '
+             'often.')
     static_baseline: float = parameter(
         0.5, unit='m', bounds=(0.0, 100.0), case='symptom: jumps of the pose while people walk by',
         help='A movable object is confirmed as static if a key frame from at least this far away contains it at the '

@@ -276,8 +276,7 @@ _FIXED: dict[str, object] = {
     'manhattan.correlation_distance': 20.0, 'manhattan.direction_sigma': 0.035, 'manhattan.min_aligned_ratio': 0.5}
 """Parameters of earlier versions, without `ADVANCED`, that no sensor, robot or building needs -> their fixed value."""
 _GONE = {'calibrate_mountings': 'mountings are not changed while driving; set the values that the diagnostics and '
-                                'calibrate give',
-         'advanced.odometry.movable_information_ratio': 'a movable object is one observation, wherever it stands'}
+                                'calibrate give'}
 """Parameters of earlier versions -> why they are gone."""
 
 

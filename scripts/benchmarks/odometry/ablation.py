@@ -50,6 +50,8 @@ FEATURES = {
     'overlap of key frames': ({'advanced.odometry.key_frame_overlap': 0.0}, ('narrow', 'lidars')),
     'dynamic points': ({'advanced.odometry.dynamic_key_frames': 0}, ('leader', 'passers')),
     'movable objects': ({'advanced.odometry.movable_size': 0.0}, ('leader', 'passers')),
+    'movable objects where they are all': (
+        {'advanced.odometry.movable_information_ratio': 0.0}, ('chairs', 'trees')),
     'poles': ({'advanced.odometry.pole_size': 0.0}, ('chairs', 'trees')),
     'zero-velocity update': ({'advanced.odometry.zero_velocity_gate': 0.0}, ('lms511', 'spinup')),
     'deskewing': ({'odometry.deskew': False}, ('losses', 'bursts')),

@@ -6,15 +6,18 @@ import math
 import numpy as np
 import pytest
 from rooms import FULL, HALF, L_ROOM, look, outline
+from scipy.linalg import eigh
 
 from dbscan_reg_ros import SE2, Odometry, Parameters
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.features.records import Features
+from dbscan_reg_ros.core.geometry.se2 import as_vectors
 from dbscan_reg_ros.core.mapping.dynamic_points import (
     beside,
     detached_points,
     dynamic_points,
+    information_ratio,
     without_dynamic_points,
 )
 from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
@@ -162,7 +165,9 @@ def test_an_object_weighs_no_more_the_more_points_show_it():
     features = extract_features(scan)
     detached = detached_points(features.oriented_points, 1.1, 0.2, closed=True) > 0
     window = KeyFrameWindow((KeyFrame(features, SE2()),))
-    weights = without_dynamic_points(features, SE2(), window, Parameters()).oriented_points.weights
+    every = dataclasses.replace(Parameters(), odometry=dataclasses.replace(
+        Parameters().odometry, movable_information_ratio=0.0))
+    weights = without_dynamic_points(features, SE2(), window, every).oriented_points.weights
     assert np.count_nonzero(detached) > 20 and weights[detached].sum() == pytest.approx(0.5)
 
 
@@ -174,6 +179,17 @@ def test_points_seen_from_elsewhere_at_the_same_place_are_static():
     assert not confirm(window, THERE, cloud, 1.1 * way, 0.1, Parameters().density).any()
     assert confirm(window, THERE @ SE2(0.3, 0.3), cloud, 0.0, 0.1, Parameters().density).mean() < 0.5
     assert not len(confirm(window, THERE, cloud.select(slice(0, 0)), 0.0, 0.1, Parameters().density))
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_the_information_ratio_of_points_is_the_greatest_eigenvalue(seed):
+    rng = np.random.default_rng(seed)
+    normals = np.exp(1j * rng.normal(0.0, 0.5, 60))
+    cloud, chosen = OrientedPoints(normals, normals, np.arange(60)), rng.choice(60, 20, replace=False)
+    whole, part = (each.T @ each for each in (as_vectors(normals), as_vectors(normals[chosen])))
+    assert information_ratio(cloud, chosen) == pytest.approx(eigh(part, whole, eigvals_only=True)[-1], rel=1e-9)
+    assert information_ratio(cloud, np.arange(60)) == pytest.approx(1.0) and information_ratio(cloud,
+                                                                                               np.arange(0)) == 0.0
 
 
 def test_points_close_to_dynamic_points_are_beside_them():
