@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Archives of numpy arrays and a JSON text, ``.npz`` files that are read without pickle: scans, snapshots, maps."""
+import io
 import json
 import math
 import zipfile
@@ -50,8 +51,11 @@ class Archive:
             package = ''
         text = json.dumps({'format': self.format, 'version': self.version, 'package': package, **fields},
                           allow_nan=False)
+        # In memory first: an archive that a full disk ends complains again when it is deleted.
+        archive = io.BytesIO()
+        np.savez_compressed(archive, **arrays, **{self.name: np.frombuffer(text.encode(), dtype=np.uint8)})
         with replacing(path, binary=True) as file:
-            np.savez_compressed(file, **arrays, **{self.name: np.frombuffer(text.encode(), dtype=np.uint8)})
+            file.write(archive.getbuffer())
 
     def read(self, path, make):
         """Return what `make` makes of the JSON fields and the arrays of the file at `path`.

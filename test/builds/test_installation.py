@@ -46,7 +46,7 @@ def succeed(words, folder, environment=None):
     """What a command prints; a build finds the Cython that scripts/setup installs."""
     variables = os.environ | (environment or {})
     variables['PYTHONPATH'] = os.pathsep.join(filter(None, [variables.get('PYTHONPATH'), str(TOOLS)]))
-    result = subprocess.run(words, cwd=folder, env=variables, capture_output=True, text=True, timeout=300, check=False)
+    result = subprocess.run(words, cwd=folder, env=variables, capture_output=True, text=True, timeout=900, check=False)
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout
 
