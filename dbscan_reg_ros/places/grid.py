@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..core.geometry.se2 import SE2
 from ..core.parameters.tree import Parameters
 from ..recordings.poses import compose
-from ..robot.occupancy import FREE, OCCUPIED, OccupancyCounts, trace_rays
+from ..robot.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyCounts, trace_rays
 from .map import Map
 
 RESOLUTION = 0.05
@@ -35,7 +35,7 @@ class Grid:
     def __init__(self, values: NDArray[np.int8], origin: SE2, resolution: float) -> None:
         self.origin, self.resolution = origin, resolution
         # A border of unknown cells: whatever lies outside is looked up there.
-        self.values = np.pad(values, 1, constant_values=-1)
+        self.values = np.pad(values, 1, constant_values=UNKNOWN)
 
     @classmethod
     def of_map(cls, made: Map, parameters: Parameters, resolution: float = RESOLUTION) -> 'Grid':

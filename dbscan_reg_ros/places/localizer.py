@@ -7,7 +7,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.geometry.se2 import DOF, SE2, turned, wrap
+from ..core.geometry.se2 import DOF, SE2, lever_arm, turn_matrix, turned, wrap
 from ..core.odometry.records import OdometryUpdate
 from ..core.parameters.tree import Parameters
 from ..core.registration.records import Status, sigma_text
@@ -236,7 +236,5 @@ def _distinct(poses, ranks, apart, turn, most) -> NDArray[np.int64]:
 
 def _carried(covariance, transform, offset):
     """Return the covariance (3, 3) at another point of a body, at `offset` (2,) in the frame with this `transform`."""
-    c, s = math.cos(transform[2]), math.sin(transform[2])
-    lever = np.array(((1.0, 0.0, -s * offset[0] - c * offset[1]), (0.0, 1.0, c * offset[0] - s * offset[1]),
-                      (0.0, 0.0, 1.0)))
+    lever = lever_arm(*(turn_matrix(transform[2])[:2, :2] @ offset))
     return lever @ covariance @ lever.T

@@ -23,8 +23,6 @@ FROM_NEAR = np.full(3, 0.1)
 """The same for one that begins at an aligned pose."""
 MOST = 400
 """Largest number of returns that are aligned, evenly drawn."""
-
-
 FRONT = 0.25
 """So far [m] before a surface the map is free: a wall was not seen from its back."""
 SEEN_THROUGH = 2
@@ -33,6 +31,7 @@ wall some of these lie behind it."""
 REACH = 15.0
 """Free space farther than this [m] from the sensor does not count."""
 _OFFSET = 2**20
+"""Difference of the numbers of two squares that are neighbours in x; a map has fewer squares in y."""
 
 
 class Stop(NamedTuple):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.geometry.se2 import SE2, turn_matrix
+from ..core.geometry.se2 import SE2, lever_arm, turn_matrix
 from ..core.odometry.records import OdometryUpdate
 
 _IDENTITY = SE2()
@@ -71,14 +71,9 @@ def base_state(update: OdometryUpdate, origin: SE2, sensor_pose: SE2, initial: I
     """
     sensor = origin @ update.pose
     pose = sensor @ sensor_pose.inverse()
-    from_sensor = _lever_arm(sensor, pose) @ turn_matrix(origin.theta)
-    from_initial = _lever_arm(initial.pose, pose)
+    from_sensor = lever_arm(pose.x - sensor.x, pose.y - sensor.y) @ turn_matrix(origin.theta)
+    from_initial = lever_arm(pose.x - initial.pose.x, pose.y - initial.pose.y)
     covariance = from_sensor @ update.covariance @ from_sensor.T + from_initial @ initial.covariance @ from_initial.T
     adjoint = sensor_pose.adjoint()
     return BaseState(update.stamp, pose, covariance, adjoint @ update.twist,
                      adjoint @ update.twist_covariance @ adjoint.T)
-
-
-def _lever_arm(at: SE2, other: SE2) -> NDArray[np.float64]:
-    """Jacobian ``(3, 3)`` of the motion (x, y, theta) of a rigid body's point `other` by that of its point `at`."""
-    return np.array([[1.0, 0.0, at.y - other.y], [0.0, 1.0, other.x - at.x], [0.0, 0.0, 1.0]])

@@ -32,6 +32,14 @@ def turn_matrix(theta):
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
+def lever_arm(x, y):
+    """Return the Jacobian ``(3, 3)`` of the motion (x, y, theta) of one point of a rigid body by that of another one.
+
+    The first is offset from the other by `x`, `y` [m].
+    """
+    return np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]])
+
+
 def turned(const double[:, :] matrix, double theta):
     """Return R M R': a covariance or information ``(3, 3)`` over (x, y, theta) with axes rotated by `theta` [rad]."""
     cdef double[:, ::1] result = np.empty((DOF, DOF))

@@ -102,8 +102,8 @@ cdef class Fit:
         cdef Py_ssize_t k
         for k in range(self.points.size):
             line, own = c * table[BY_X, k] + s * table[BY_Y, k], c * table[OWN_X, k] + s * table[OWN_Y, k]
-            weight = weights[k] * decaying_exp(factor * table[ERROR, k] * table[ERROR, k])
             if table[BY_X, k] != 0.0 or table[BY_Y, k] != 0.0:
+                weight = weights[k] * decaying_exp(factor * table[ERROR, k] * table[ERROR, k])
                 found.shared += weight * line * own
                 found.seen += 0.5 * weight * (line * line + own * own)
         return found

@@ -55,12 +55,11 @@ class Mapped:
 
     def distance(self, truth):
         """Return how far (N,) [m] the true poses are from the nearest view."""
-        poses = self.true_poses(truth)
-        return np.array([np.hypot(*(self.known.poses - pose)[:, :2].T).min() for pose in poses])
+        return _nearest(self.true_poses(truth), self.known.poses)
 
     def without(self, truth, radius=8.0) -> 'Mapped':
         """Return the map without the views within `radius` [m] of the true poses (N, 3)."""
-        near = np.array([np.hypot(*(self.true_poses(truth) - pose)[:, :2].T).min() for pose in self.known.poses])
+        near = _nearest(self.known.poses, self.true_poses(truth))
         views = [view for view, distance in zip(self.known.views, near, strict=True) if distance > radius]
         return dataclasses.replace(self, known=dataclasses.replace(self.known, views=views))
 
@@ -68,6 +67,11 @@ class Mapped:
     def localizer(self) -> Localizer:
         """A localiser of the map, for one start after the other."""
         return Localizer(self.known, PARAMETERS)
+
+
+def _nearest(poses, others):
+    """Return the distance (N,) [m] of each of the `poses` (N, 3) from the nearest of the `others` (M, 3)."""
+    return np.array([np.hypot(*(others - pose)[:, :2].T).min() for pose in poses])
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +162,6 @@ def floor_drive(seed, lidar, number, metres, changed=False):
         world = with_people(moved(world, 0.2, number), 10, number)
     drive = simulate(world, follow(way, speed=0.8, turn_rate=0.9), lidar, seed=number)
     return drive.scans, drive.truth
-
 
 
 def kidnapped(scans, truth, others, others_truth):

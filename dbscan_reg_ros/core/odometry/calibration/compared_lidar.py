@@ -10,7 +10,7 @@ from ...geometry.se2 import SE2
 from ...scan import SECOND
 from .first_lidar import HALF_SPAN, FirstLidar
 from .location import Location
-from .relative_pose import Comparison, Disagreement, RelativePose, difference, estimate_relative_pose, misfits
+from .relative_pose import MEDIAN, Comparison, Disagreement, RelativePose, difference, estimate_relative_pose, misfits
 
 
 @dataclass
@@ -127,7 +127,7 @@ class ComparedLidar:
 
 _LEAST, _LATEST = 10, 30
 """Number of comparisons before a lidar is used, and number of the latest that judge it."""
-_AGREES, _DISAGREES = 2.366, 7.815
+_AGREES, _DISAGREES = MEDIAN, 7.815
 """Median and 95 % quantile of chi-square with three degrees of freedom: below the first a lidar is used that was not,
 above the second it is not used that was."""
 _SOONER = 0.125

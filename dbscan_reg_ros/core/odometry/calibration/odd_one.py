@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...geometry.array_types import FloatArray
-from ...geometry.se2 import SE2
+from ...geometry.se2 import DOF, SE2, lever_arm
 from ...geometry.ties import first_largest
 from .compared_lidar import ComparedLidar
 from .relative_pose import Disagreement, RelativePose, difference
@@ -76,7 +76,7 @@ def _of_first(given: SE2, others: Sequence[ComparedLidar], against: str) -> Name
 def _at(best: RelativePose, pose: SE2) -> FloatArray:
     """Return the covariance ``(4, 4)`` of a `pose` that is rigidly connected to the `best` one, and of its time."""
     jacobian = np.eye(len(best.covariance))
-    jacobian[:2, 2] = best.pose.y - pose.y, pose.x - best.pose.x
+    jacobian[:DOF, :DOF] = lever_arm(pose.x - best.pose.x, pose.y - best.pose.y)
     covariance: FloatArray = jacobian @ best.covariance @ jacobian.T
     return covariance
 

@@ -108,8 +108,7 @@ def misfits(comparisons: Sequence[Comparison], pose: SE2, time_offset: float) ->
     """
     data = _Data.of(comparisons, _LITTLE[:DOF])
     error, _ = data.linearised(np.array([*pose.as_tuple(), time_offset]))
-    squared: FloatArray = np.einsum('ni,nij,nj->n', error, data.information, error)
-    return squared
+    return data.squared(error)
 
 
 def estimate_relative_pose(comparisons: Sequence[Comparison], guess: SE2) -> RelativePose:
@@ -133,8 +132,8 @@ def estimate_relative_pose(comparisons: Sequence[Comparison], guess: SE2) -> Rel
     state, prior = mean.copy(), np.diag(PRIOR ** -2.0)
     for _ in range(_ITERATIONS):
         error, jacobian = data.linearised(state)
-        squared = np.einsum('ni,nij,nj->n', error, data.information, error)
-        scale = max(float(np.median(squared)) / _MEDIAN, 1.0)
+        squared = data.squared(error)
+        scale = max(float(np.median(squared)) / MEDIAN, 1.0)
         weights = 1.0 / (scale * (1.0 + squared / (_CUTOFF * scale)) ** 2)
         weighted = np.einsum('nik,nij,n->nkj', jacobian, data.information, weights)
         information = np.einsum('nkj,njl->kl', weighted, jacobian) + prior
@@ -207,6 +206,11 @@ class _Data(NamedTuple):
         return cls(relative, information, np.array([each.twist for each in comparisons]),
                    np.einsum('nij,nji->n', information, noise), groups)
 
+    def squared(self, error: FloatArray) -> FloatArray:
+        """Return the squared Mahalanobis distances ``(N,)`` of errors ``(N, 3)``."""
+        squared: FloatArray = np.einsum('ni,nij,nj->n', error, self.information, error)
+        return squared
+
     def linearised(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return errors ``(N, 3)`` and their Jacobians ``(N, 3, 4)`` at a `state` (x, y, yaw, time offset)."""
         x, y, yaw, offset = state
@@ -231,6 +235,8 @@ class _Data(NamedTuple):
 
 PRIOR = np.array([0.5, 0.5, 0.3, 0.3])
 """Standard deviations of the prior of x, y, yaw and time offset [m, m, rad, s]."""
+MEDIAN = 2.366
+"""Median of the squared Mahalanobis distance in three dimensions."""
 LIMITS = np.array([0.05, 0.05, math.radians(1.0), 0.03])
 """A parameter whose standard deviation exceeds this is not observable [m, m, rad, s]."""
 _LITTLE = np.array([0.01, 0.01, math.radians(0.3), 0.01])
@@ -245,7 +251,5 @@ _CONVERGED = 1e-6
 """The iterations end when no parameter changes by more than this [m, m, rad, s]."""
 _MOST_NOISE = 0.5
 """Largest ratio of noise in the information about the time offset."""
-_MEDIAN = 2.366
-"""Median of the squared Mahalanobis distance in three dimensions."""
 _CUTOFF = 9.0
 """Squared Mahalanobis distance from which on a comparison counts as an outlier."""
