@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-import tarfile
 from pathlib import Path
 
 import pytest
@@ -19,9 +18,8 @@ BUILD = sys.executable, 'setup.py', '-q', 'build_ext', '--inplace'
 
 
 @pytest.fixture(scope='module')
-def cython(root):
+def cython(tools):
     """A folder to import Cython from, where there is a compiler as well."""
-    tools = root / 'build' / 'tools'
     if shutil.which('cc') is None or not Path(sysconfig.get_paths()['include'], 'Python.h').exists():
         pytest.skip('needs a C compiler and the headers of Python')
     if importlib.util.find_spec('setuptools') is None:
@@ -53,31 +51,12 @@ def run(attempt):
 
 
 @pytest.fixture
-def source(root, tmp_path):
-    """A new copy of the tree, without anything built."""
-    folder = tmp_path / 'source' / PACKAGE
-    shutil.copytree(root, folder, ignore=shutil.ignore_patterns('.*', '__pycache__', 'build', 'results', '*.egg-info',
-                                                                '*.so'))
+def source(copied, tmp_path):
+    """A copy of the tree, with the C of all modules, and nothing compiled."""
+    folder = copied(tmp_path / PACKAGE, tmp_path / PACKAGE / 'build')
+    for library in (folder / 'build').glob('lib.*'):
+        shutil.rmtree(library)
     return folder
-
-
-def test_a_source_distribution_is_built_without_cython_and_runs(source, run, tmp_path):
-    if not (importlib.util.find_spec('wheel') or importlib.util.find_spec('setuptools.command.bdist_wheel')):
-        pytest.skip('needs setuptools 70.1, or the package wheel')
-    run([sys.executable, 'setup.py', '-q', 'sdist', '-d', tmp_path], source)
-    archive, = tmp_path.glob('*.tar.gz')
-    with tarfile.open(archive) as file:
-        file.extractall(tmp_path)
-    folder = next(path.parent for path in tmp_path.glob(f'{PACKAGE}-*/setup.py'))
-    target = tmp_path / 'target'
-    run([sys.executable, '-m', 'pip', 'install', '-q', '--no-index', '--no-deps', '--no-build-isolation', '--target',
-         target, '.'], folder, **NO_CYTHON)
-    code = ('import numpy as np, dbscan_reg_ros as package; angles = np.linspace(-3.0, 3.0, 300)\n'
-            'scan = package.Scan.from_ranges(2.0 + np.abs(np.sin(angles)), angles)\n'
-            'print(package.__file__, package.register(scan, scan).status.name)')
-    file, status = run([sys.executable, '-c', code], target, PYTHONPATH=str(target)).split()
-    assert file.startswith(str(target)) and status != 'FAILED'
-    assert [path.name for path in (target / 'bin').iterdir()] == ['dbscan-reg-ros']
 
 
 @pytest.mark.parametrize(('environment', 'remedy'), [
