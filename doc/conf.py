@@ -42,14 +42,19 @@ def setup(app):
 
 def _lead_to_the_site(app, name, source):
     """Let links lead to the pages of the site, and those to other files to nothing but their name."""
-    text = source[0]
+    text, folder = source[0], (ROOT / 'doc' / name).parent
     if name == 'index':
-        readme = ROOT / 'README.md'
-        app.env.note_dependency(readme)
-        text = readme.read_text().replace('](doc/', '](').replace('src="doc/', 'src="') + '\n' + text
-    # A file that is no page: its name, without a link.
-    source[0] = re.sub(r'\[([^\]]*)\]\((?:\.\./[^)#]*|[A-Z.][\w./]*|config/[^)]*|examples[^)]*)(?:#[^)]*)?\)',
-                       r'\1', text)
+        app.env.note_dependency(ROOT / 'README.md')
+        text = (ROOT / 'README.md').read_text().replace('](doc/', '](').replace('src="doc/', 'src="') + '\n' + text
+    elif name == 'decisions/index':
+        text += '\n```{toctree}\n:hidden:\n:glob:\n\n2*\n```\n'
+
+    def shown(link):
+        path = (folder / link[2]).resolve()
+        is_page = path.suffix in ('.md', '.png', '.gif') and path.is_relative_to(ROOT / 'doc') and path.exists()
+        return link[0] if is_page else link[1]
+
+    source[0] = re.sub(r'\[([^\]]*)\]\((?!https?:|#)([^)#]+)(?:#[^)]*)?\)', shown, text)
 
 
 def _visit_math(writer, node):

@@ -64,11 +64,11 @@ class Page(HTMLParser):
 
 def faults(site):
     """What is wrong on the pages of a site: (page, link without a target) or (page, mark of an equation)."""
-    pages = {path: Page(path) for path in site.glob('*.html')}
+    pages = {path: Page(path) for path in site.rglob('*.html')}
     for path, page in pages.items():
         for link in page.links:
             parts = urlsplit(link)
-            target = path.parent / unquote(parts.path) if parts.path else path
+            target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
             anchors = pages[target].anchors if target in pages else {''}
             if not parts.netloc and (not target.exists() or unquote(parts.fragment) not in anchors):
                 yield path.stem, link
