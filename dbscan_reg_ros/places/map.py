@@ -81,6 +81,15 @@ class View(NamedTuple):
                                     parameters.odometry.pole_size)
 
 
+def shows_the_same(poses: NDArray[np.float64], pose: NDArray[np.float64], scan: Scan) -> NDArray[np.bool_]:
+    """Return whether scans like `scan` from each of the `poses` (N, 3) show the same as one from `pose` (3,)."""
+    near = np.hypot(*(poses - pose)[:, :2].T) <= SPACING
+    if not scan.geometry.closed:
+        part = abs(scan.geometry.angle_increment) * scan.geometry.size
+        near &= np.abs(wrap(poses[:, 2] - pose[2])) <= (1.0 - COMMON) * part
+    return near
+
+
 @dataclass(frozen=True, eq=False)
 class Map:
     """A map of key frames: their poses, the motions between them, and what was seen from some of them.
@@ -104,11 +113,7 @@ class Map:
         views: list[View] = []
         for number, frame in enumerate(key_frames.frames):
             scan, kept = frame.features.measured, graph.poses[[view.frame for view in views]]
-            away = np.hypot(*(kept - graph.poses[number])[:, :2].T) > SPACING
-            if not scan.geometry.closed:
-                part = abs(scan.geometry.angle_increment) * scan.geometry.size
-                away |= np.abs(wrap(kept[:, 2] - graph.poses[number, 2])) > (1.0 - COMMON) * part
-            if away.all():
+            if not shows_the_same(kept, graph.poses[number], scan).any():
                 views.append(View(number, scan, frame.features.twist, frame.features.noise_ratio))
         return cls(graph, views, mounting)
 
