@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING
 from .build_check import check_build
 
 __all__ = [
-    'SE2', 'DbscanRegError', 'EndKind', 'Features', 'Hypothesis', 'Localizer', 'Map', 'NodeParameters', 'Odometry',
-    'OdometryUpdate', 'ParameterError', 'Parameters', 'Prior', 'RecordingError', 'Registration', 'Scan', 'ScanError',
-    'ScanGeometry', 'Segments', 'Status', 'extract_features', 'open_recording', 'read_parameters', 'register',
+    'SE2', 'ArgumentError', 'DbscanRegError', 'EndKind', 'Features', 'Hypothesis', 'Localizer', 'Map',
+    'NodeParameters', 'Odometry', 'OdometryUpdate', 'ParameterError', 'Parameters', 'Prior', 'Recording',
+    'RecordingError', 'Registration', 'Scan', 'ScanError', 'ScanGeometry', 'Segments', 'Status', 'extract_features',
+    'open_recording', 'read_parameters', 'register', 'write_tum',
 ]
 
 if TYPE_CHECKING:
-    from .core.errors import DbscanRegError, ParameterError, RecordingError, ScanError
+    from .core.errors import ArgumentError, DbscanRegError, ParameterError, RecordingError, ScanError
     from .core.features.extraction import extract_features
     from .core.features.records import EndKind, Features, Segments
     from .core.geometry.se2 import SE2
@@ -25,11 +26,15 @@ if TYPE_CHECKING:
     from .places.map import Map
     from .recordings.checks.arrays import Odometry, register
     from .recordings.opening import open_recording
+    from .recordings.recording import Recording
+    from .recordings.trajectories import write_tum
     from .robot.parameter_files import read_parameters
     from .robot.parameters import NodeParameters
+
+    __version__: str
 else:
     _MODULES = {
-        'core.errors': ('DbscanRegError', 'ParameterError', 'RecordingError', 'ScanError'),
+        'core.errors': ('ArgumentError', 'DbscanRegError', 'ParameterError', 'RecordingError', 'ScanError'),
         'core.features.extraction': ('extract_features',),
         'core.features.records': ('EndKind', 'Features', 'Segments'),
         'core.geometry.se2': ('SE2',),
@@ -42,6 +47,8 @@ else:
         'places.map': ('Map',),
         'recordings.checks.arrays': ('Odometry', 'register'),
         'recordings.opening': ('open_recording',),
+        'recordings.recording': ('Recording',),
+        'recordings.trajectories': ('write_tum',),
         'robot.parameter_files': ('read_parameters',),
         'robot.parameters': ('NodeParameters',),
     }
@@ -49,6 +56,8 @@ else:
 
     def __getattr__(name):
         """Load the module of a public name when the name is first used: ``--help`` of a command needs no numpy."""
+        if name == '__version__':
+            return import_module(f'{__name__}.version').version()
         if name not in _HOMES:
             raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
         check_build()
@@ -57,4 +66,4 @@ else:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return [*__all__, '__doc__', '__version__']

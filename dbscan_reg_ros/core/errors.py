@@ -6,6 +6,10 @@ class DbscanRegError(Exception):
     """Base class of every error that this package raises on purpose."""
 
 
+class ArgumentError(DbscanRegError, ValueError):
+    """An argument is of a wrong type, or is no pose or no covariance."""
+
+
 class ScanError(DbscanRegError, ValueError):
     """A scan cannot be used; the state of the odometry is unchanged, and the next scan can be processed."""
 
@@ -20,3 +24,9 @@ class RecordingError(DbscanRegError, ValueError):
 
 class BuildError(DbscanRegError, ImportError):
     """The compiled modules are missing, or were built from other sources."""
+
+
+def expect(name: str, value: object, kind: type, how: str, error: type[DbscanRegError] = ArgumentError) -> None:
+    """Raise an `error` unless the value of the argument `name` is of the type `kind`; `how` shows one."""
+    if not isinstance(value, kind):
+        raise error(f'{name} is of type {type(value).__name__}; expected {how}')

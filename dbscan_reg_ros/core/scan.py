@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laser scans (Eq. 2), made from arrays, points or LaserScan messages."""
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import cast
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .beams import LaserScanMessage, Stamp, check_numbers, check_stamp
-from .errors import ScanError
+from .errors import ScanError, expect
 from .geometry.array_types import BoolArray, FloatArray
 from .scan_geometry import ScanGeometry, read_only, single_precision
 
@@ -44,7 +44,7 @@ class Scan:
     Raises
     ------
     ScanError
-        When the stamp is no whole number, a range is no number, or the geometry has another number of beams.
+        When the stamp is no whole number, a range is no number, or the geometry is none or has another number of beams.
     """
 
     stamp: int
@@ -57,6 +57,7 @@ class Scan:
         object.__setattr__(self, 'stamp', check_stamp(self.stamp))
         with np.errstate(over='ignore'):
             ranges = check_numbers('ranges', self.ranges, np.float32)
+        expect('geometry', self.geometry, ScanGeometry, 'ScanGeometry(angle_min, angle_increment, size)', ScanError)
         if len(ranges) != self.geometry.size:
             raise ScanError(f'{len(ranges)} ranges for {self.geometry.size} beams')
         object.__setattr__(self, 'ranges', read_only(ranges))
@@ -167,34 +168,61 @@ class Scan:
                    message.header.frame_id)
 
     @classmethod
-    def from_points(cls, points: ArrayLike, stamp: int = 0, frame_id: str = '',
-                    angle_increment: float | None = None) -> 'Scan':
+    def from_points(cls, points: ArrayLike, *, stamp: int = 0, range_min: float = 0.0, range_max: float = math.inf,
+                    time_increment: float = 0.0, angle_increment: float | None = None) -> 'Scan':
         """Make a scan with returns at the given points, one beam for each point.
 
         Parameters
         ----------
-        points : (N, 2) float
-            Positions in the sensor's frame [m], in beam order; rows that are not finite become beams without a return.
+        points : array_like (N, 2)
+            Positions in the sensor's frame [m]; rows that are not finite become beams without a return. Points that are
+            not in the order of their bearings, in at most one turn, are sorted by them, and those rows left out.
         stamp : int
             Time of the first beam [ns].
-        frame_id : str
-            Coordinate frame of the sensor.
+        range_min, range_max : float
+            Points nearer than `range_min` and from `range_max` on [m] are no returns.
+        time_increment : float
+            Time from one beam to the next [s]; 0 where unknown.
         angle_increment : float, optional
-            Step from one beam to the next [rad], as for `ScanGeometry.from_bearings`.
+            Step from one beam of the sensor to the next [rad], negative for clockwise lidars. With it the points are in
+            the order of the beams and are not sorted, as those of a scan that was moved. By default it is the median
+            step of the bearings.
 
         Raises
         ------
         ScanError
-            When no point is finite.
+            When the shape is not ``(N, 2)``, no point is finite, or points to sort have a `time_increment`.
         """
         points = np.asarray(points, dtype=float)
+        if points.shape[1:] != (2,):
+            raise ScanError(f'points of shape {points.shape}; expected one point (x, y) in each row, shape (N, 2)')
         ranges = np.hypot(points[:, 0], points[:, 1])
         bearings = np.arctan2(points[:, 1], points[:, 0])
         missing = ~np.isfinite(ranges)
         if missing.all():
             raise ScanError('no finite point')
         known = np.flatnonzero(~missing)
-        bearings[missing] = np.interp(np.flatnonzero(missing), known, np.unwrap(bearings[known]))
-        ranges[missing] = np.inf
-        geometry = ScanGeometry.from_bearings(bearings, angle_increment)
-        return cls(stamp, ranges, geometry, 0.0, frame_id)
+        turned = np.unwrap(bearings[known])
+        if angle_increment is None and not _one_turn(turned):
+            if time_increment:
+                raise ScanError('the points are not in the order of their bearings, but their time_increment is '
+                                f'{time_increment}; expected the order in which they were measured')
+            known = known[np.argsort(bearings[known], kind='stable')]
+            ranges, bearings = ranges[known], bearings[known]
+        else:
+            bearings[missing] = np.interp(np.flatnonzero(missing), known, turned)
+            ranges[missing] = np.inf
+        geometry = replace(ScanGeometry.from_bearings(bearings, angle_increment), range_min=range_min,
+                           range_max=range_max)
+        return cls(stamp, ranges, geometry, time_increment)
+
+
+def _one_turn(bearings: FloatArray) -> bool:
+    """Whether unwrapped `bearings` ``(N,)`` [rad] only increase or only decrease, by at most a full turn."""
+    steps = np.diff(bearings)
+    return bool((steps >= 0.0).all() or (steps <= 0.0).all()) and abs(bearings[-1] - bearings[0]) <= 2.0 * math.pi
+
+
+def expect_scan(value: object) -> None:
+    """Raise ScanError if a `value` given as scan is none."""
+    expect('scan', value, Scan, 'Scan.from_ranges(ranges, angles)', ScanError)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from .beams import check_angles
 from .errors import ScanError
 from .geometry.array_types import FloatArray
+from .geometry.se2 import wrap
 from .geometry.tolerance import RESOLUTION
 
 MAX_BEAMS = 100_000
@@ -87,7 +88,7 @@ class ScanGeometry:
             Bearing of each beam, in beam order [rad].
         angle_increment : float, optional
             Step from one beam of the sensor to the next [rad]; its sign determines on which side of a surface the
-            sensor was. By default it is the median step of the bearings, counter-clockwise.
+            sensor was. By default it is the median step of the bearings.
 
         Raises
         ------
@@ -98,7 +99,7 @@ class ScanGeometry:
         if bearings.ndim != 1 or not len(bearings) or not np.isfinite(bearings).all():
             raise ScanError('bearings must be one finite number for each beam')
         if angle_increment is None:
-            steps = np.abs(np.remainder(np.diff(bearings) + math.pi, 2.0 * math.pi) - math.pi)
+            steps = wrap(np.diff(bearings))
             angle_increment = (float(np.median(steps)) or float(steps.mean())) if len(steps) else 1.0
             angle_increment = angle_increment or RESOLUTION
         return cls(float(bearings[0]), angle_increment, len(bearings), bearings_given=tuple(bearings.tolist()))

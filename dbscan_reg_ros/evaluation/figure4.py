@@ -9,4 +9,5 @@ PAPER_MOTION = SE2(-1.5, 0.8, 0.3)
 
 def moved(scan) -> Scan:
     """Return the points of a scan moved by `PAPER_MOTION`, as a scan in the same beam order."""
-    return Scan.from_points(PAPER_MOTION.apply(scan.points), scan.stamp, angle_increment=scan.geometry.angle_increment)
+    return Scan.from_points(PAPER_MOTION.apply(scan.points), stamp=scan.stamp,
+                            angle_increment=scan.geometry.angle_increment)

@@ -10,8 +10,10 @@ import inspect
 import math
 import os
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
+from typing import TypeAlias
 
 import numpy as np
 
@@ -20,12 +22,15 @@ from ..core.geometry.se2 import SE2
 from ..core.odometry.pipeline import Odometry
 from ..core.parameters.tree import Parameters
 from ..core.registration.records import Prior, Status
+from ..core.scan import Scan
 from ..recordings.poses import relative
 from ..robot.parameter_groups import NodePriorParameters
 from .baselines import Result
 from .method_names import KEY_FRAME_DEGREES, KEY_FRAME_DISTANCE
 from .methods import BenchmarkError, Method, kiss_config, lifted, method, planar
 
+External: TypeAlias = Callable[[Prior], Prior] | None
+"""From the prior of the motion model to an external prior."""
 KEY_FRAME_ANGLE = math.radians(KEY_FRAME_DEGREES)
 GYROSCOPE_SCALE, GYROSCOPE_NOISE = 1.01, 0.003
 """Errors of the simulated gyroscope: scale, and standard deviation of each rotation [rad]."""
@@ -74,7 +79,7 @@ class Ours:
         self._odometry = Odometry(parameters, comparisons=comparisons)
         self._last = Step(SE2(), covariance=np.zeros((3, 3)))
 
-    def process(self, scan, external=None) -> Step:
+    def process(self, scan: Scan, external: External = None) -> Step:
         """Return the odometry's update as a `Step`; a scan that cannot be used gives FAILED and the last pose."""
         try:
             update = self._odometry.process(scan, external and external(self._odometry.predict_motion(scan.stamp)))
@@ -91,12 +96,12 @@ class Ours:
 class KeyFrames:
     """Odometry that registers each scan to the last key frame with any `Method`, from a constant-velocity guess."""
 
-    def __init__(self, method):
+    def __init__(self, method: Method):
         self._method = method
-        self._key = self._key_pose = None
-        self._pose = self._last_step = SE2()
+        self._key = None
+        self._pose = self._last_step = self._key_pose = SE2()
 
-    def process(self, scan, external=None) -> Step:
+    def process(self, scan: Scan, external: External = None) -> Step:
         """Align the scan to the last key frame; the guess is the external prior, or else the last motion repeated."""
         prepared = self._method.prepare(scan)
         if self._key is None:
@@ -104,7 +109,7 @@ class KeyFrames:
             return Step(self._pose)
         step = self._last_step
         if external:
-            step = external(Prior(step, np.zeros((3, 3)))).transform
+            step = external(Prior(step, np.eye(3))).transform
         result = self._method.align(self._key, prepared, self._key_pose.inverse() @ self._pose @ step)
         pose = self._key_pose @ result.transform
         self._last_step = self._pose.inverse() @ pose
@@ -122,7 +127,7 @@ class Kiss:
         from kiss_icp.kiss_icp import KissICP
         self._pipeline = KissICP(kiss_config())
 
-    def process(self, scan, external=None) -> Step:
+    def process(self, scan: Scan, external: External = None) -> Step:
         """Register the scan to the map, without the external prior; a scan without returns gives FAILED."""
         if not scan.valid.any():
             return Step(planar(self._pipeline.last_pose), Status.FAILED)
@@ -133,12 +138,12 @@ class Kiss:
 class Still:
     """Odometry that reports no motion: any useful method must have smaller errors."""
 
-    def process(self, scan, external=None) -> Step:
+    def process(self, scan: Scan, external: External = None) -> Step:
         """Return the pose of the first scan for every scan."""
         return Step(SE2())
 
 
-def tracker(name):
+def tracker(name: str) -> 'Ours | KeyFrames | Kiss | Still':
     """Return a new tracker for the method `name`.
 
     ``module:function`` is a method of the user's own, imported from the current folder as well:

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of maps and comparisons, legible without colour; maps have the same scale on both axes."""
+import os
 import warnings
+from collections.abc import Iterable, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..core.geometry.se2 import as_complex
+from ..core.geometry.se2 import SE2, as_complex
+from ..core.scan import Scan
 from ..recordings.files import replacing
 
 MOST_POINTS = 3_000_000
@@ -126,7 +130,8 @@ def _any_script():
         yield
 
 
-def plot_map(path, scans, poses, title='', truth=None):
+def plot_map(path: str | os.PathLike[str], scans: Iterable[Scan], poses: ArrayLike | Sequence[SE2], title: str = '',
+             truth: ArrayLike | None = None) -> None:
     """Draw the density of the returns of scans at their poses, and the trajectory over it.
 
     Parameters
@@ -140,7 +145,7 @@ def plot_map(path, scans, poses, title='', truth=None):
     truth : (M, 3), optional
         The true trajectory in the same frame; NaN interrupts its line.
     """
-    draw_map(path, density_map(scans, poses), poses, title, truth)
+    draw_map(path, density_map(scans, np.asarray(poses)), poses, title, truth)
 
 
 def draw_map(path, density, poses, title='', truth=None):
@@ -161,7 +166,8 @@ def draw_map(path, density, poses, title='', truth=None):
     axes.imshow(density.ink, cmap='gray_r', origin='lower', extent=extent, vmin=0.0, vmax=1.0,
                 interpolation='antialiased')
     axes.plot(poses[:, 0], poses[:, 1], '-', color='tab:blue', linewidth=0.8, alpha=0.9, label='trajectory')
-    if truth is not None and np.isfinite(truth).any():
+    truth = np.empty((0, 3)) if truth is None else np.asarray(truth, dtype=float)
+    if np.isfinite(truth).any():
         axes.plot(truth[:, 0], truth[:, 1], '--', color='tab:orange', linewidth=0.8, label='truth')
     if len(poses):
         _ends(axes, poses)

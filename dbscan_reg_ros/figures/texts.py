@@ -81,9 +81,7 @@ class LidarsOfPair(NamedTuple):
 
 def status_text(registration) -> str:
     """Return the status as a text; a result of the method of the paper was not checked."""
-    if registration.status is Status.OK and registration.weakest_information is None:
-        return 'found (the method of the paper has no check)'
-    return registration.status.value
+    return registration.status.value if registration.judged else 'found (the method of the paper has no check)'
 
 
 def heading_text(variance, factor=1.0) -> str:

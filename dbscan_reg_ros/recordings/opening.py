@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Open a recording, whatever its format."""
 import gzip
+import os
 import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..core.errors import RecordingError
 from ..paths import check_file
@@ -10,8 +12,12 @@ from .bags.bag_faults import kind_of, unpacking_advice
 from .files import UNREADABLE, reason_of
 from .recording import Recording
 
+if TYPE_CHECKING:
+    from .bags.clouds import CloudParameters
 
-def open_recording(path, topic=None, point_clouds=None) -> 'Recording':
+
+def open_recording(path: str | os.PathLike[str], topic: str | None = None,
+                   point_clouds: 'CloudParameters | None' = None) -> Recording:
     """Return the recording at `path`: CARMEN log (plain or gzip), ROS 1 bag, ROS 2 bag (folder, sqlite3 or mcap file).
 
     Parameters

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The interface of a recording of scans."""
-
-
+import os
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..core.errors import RecordingError
 from ..core.geometry.mounting import Mounting
@@ -20,12 +23,16 @@ LONGEST_PROBLEM = 300
 """Maximum length of the text on one damaged part [characters]."""
 
 
+StampedPoses: TypeAlias = tuple[NDArray[np.int64], NDArray[np.float64]]
+"""Stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad]."""
+
+
 class Record(NamedTuple):
     """A scan with the poses recorded for it: x [m], y [m], theta [rad]; zero where no pose was recorded."""
 
     scan: Scan
-    laser_pose: tuple
-    robot_pose: tuple
+    laser_pose: tuple[float, float, float]
+    robot_pose: tuple[float, float, float]
 
 
 class Recording:
@@ -52,22 +59,29 @@ class Recording:
     count: int
     mounting: Mounting | None = None
 
-    def __init__(self, path):
+    def __init__(self, path: str | os.PathLike[str]):
         self.path = Path(path)
         whole = self.path.resolve().name if self.path.is_dir() else self.path.name
         stem = whole if self.path.is_dir() else whole.removesuffix('.gz').rpartition('.')[0] or whole
         self.name = stem.strip('.') or 'recording'
-        self._problems = {}
-        self._notes = {}
+        self._problems: dict[str, None] = {}
+        self._notes: dict[str, None] = {}
         self._watch = ScanWatch()
 
+    def __len__(self) -> int:
+        return self.count
+
+    def __repr__(self) -> str:
+        """Return one line."""
+        return f'{type(self).__name__}({str(self.path)!r}, {self.count} scans on {self.topic})'
+
     @property
-    def notes(self) -> list:
+    def notes(self) -> list[str]:
         """One line for each assumption that was made to read the recording; damage is listed in `problems`."""
         return list(self._notes)
 
     @property
-    def problems(self) -> list:
+    def problems(self) -> list[str]:
         """One line for each damaged part that was skipped so far, up to `MOST_PROBLEMS`."""
         return list(self._problems)
 
@@ -76,35 +90,37 @@ class Recording:
         """Warnings about the scans, from the pass that read the most scans."""
         return self._watch
 
-    def look_through(self, most=None) -> ScanWatch:
+    def look_through(self, most: int | None = None) -> ScanWatch:
         """Read all scans, or the first `most`, unless a pass has read them already; return the warnings about them."""
         if self._watch.seen < (self.count if most is None else min(self.count, most)):
             for _ in islice(self.scans(), most):
                 pass
         return self._watch
 
-    def scans(self):
+    def scans(self) -> Iterator[Scan]:
         """Return an iterator over the scans in the order of the file, which is that of measurement; stamps may go back.
 
         Scans with equal beam angles share one `ScanGeometry`.
         """
         raise NotImplementedError
 
-    def records(self):
+    def records(self) -> Iterator[Record]:
         """Return an iterator over the `Record` of each scan, in the order of `scans`."""
         raise NotImplementedError
 
-    def stamps(self) -> list:
+    def stamps(self) -> list[int]:
         """Return the stamps of all scans [ns], in the order of the file."""
         return [scan.stamp for scan in self.scans()]
 
-    def wheel_odometry(self):
+    def wheel_odometry(self) -> StampedPoses | None:
         """Return raw wheel odometry: stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad] of the base, or None."""
+        return None
 
-    def truth(self):
+    def truth(self) -> StampedPoses | None:
         """Return ground-truth poses of the laser: stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad], or None."""
+        return None
 
-    def mounting_on(self, base_frame) -> Mounting:
+    def mounting_on(self, base_frame: str) -> Mounting:
         """Return the mounting of the lidar on `base_frame` according to the recording.
 
         Raises
@@ -114,11 +130,11 @@ class Recording:
         """
         raise NotImplementedError
 
-    def lidar_topics(self, _base_frame) -> list:
+    def lidar_topics(self, _base_frame: str) -> list[str]:
         """Return `topic`, or TOPIC:FRAME for each frame of the scans, if the mountings of several are recorded."""
         return [self.topic]
 
-    def channels(self) -> list:
+    def channels(self) -> list[Channel]:
         """Return the `Channel` of every topic except the topic of the scans."""
         return [Channel('wheel_odom', ODOMETRY, input='wheel_odom')] if self.wheel_odometry() else []
 

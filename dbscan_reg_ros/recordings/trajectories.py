@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trajectory files in TUM format (``timestamp x y z qx qy qz qw``) and CSV (``index,x,y,theta[,ms]``)."""
 import math
+import os
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.errors import RecordingError
 from ..core.geometry.mounting import MAX_TILT
@@ -12,22 +16,32 @@ from .decimals import nanoseconds, seconds, to_float
 from .files import UNREADABLE, reason_of, replacing
 from .poses import FARTHEST, PoseError, planar, possible
 
+if TYPE_CHECKING:
+    from ..core.geometry.se2 import SE2
+    from ..core.odometry.records import OdometryUpdate
+
 TUM = 'timestamp x y z qx qy qz qw'
 """Columns of a file in TUM format."""
 LEAST_TILT, FLATTER = math.radians(1.0), 10.0
 """Rotations that are tilted by more than 1 deg, and more than ten times as much as with w first, have w first."""
 
 
-def write_tum(path, stamps, poses):
+def write_tum(path: str | os.PathLike[str], stamps: 'Iterable[int] | Iterable[OdometryUpdate]',
+              poses: 'ArrayLike | Sequence[SE2] | None' = None) -> None:
     """Write a trajectory in TUM format; the file appears complete or not at all.
 
     Parameters
     ----------
-    stamps : sequence of int (N,)
-        Stamps of the poses [ns], written in seconds with all nine decimals.
-    poses : array_like (N, 3)
+    path : str or Path
+    stamps : sequence of int (N,), or of OdometryUpdate
+        Stamps of the poses [ns], written in seconds with all nine decimals. Updates of the odometry have their poses
+        as well.
+    poses : array_like (N, 3) or sequence of SE2
         x, y [m], theta [rad].
     """
+    if poses is None:
+        updates = cast('list[OdometryUpdate]', list(stamps))
+        stamps, poses = [each.stamp for each in updates], [each.pose for each in updates]
     with replacing(path) as file:
         for stamp, (x, y, theta) in zip(stamps, np.asarray(poses, dtype=float).reshape(-1, 3), strict=True):
             file.write(f'{seconds(stamp)} {x:.9f} {y:.9f} 0 0 0 {math.sin(theta / 2):.12f} '

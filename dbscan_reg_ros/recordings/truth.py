@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.errors import RecordingError
+from ..core.geometry.array_types import FloatArray
 from ..core.geometry.se2 import wrap
 from .poses import repeated_stamps
 from .trajectories import numbered_lines, read_csv, read_tum, stamped
@@ -99,7 +101,7 @@ def load_relations(path) -> Relations:
     return Relations(np.array(stamps, dtype=np.int64), np.array(motions))
 
 
-def interpolate(stamps, poses, at):
+def interpolate(stamps: ArrayLike, poses: ArrayLike, at: ArrayLike) -> FloatArray:
     """Return poses ``(M, 3)`` at the times `at` ``(M,)`` [ns], interpolated linearly (headings over the shorter arc).
 
     Poses are NaN before the first and after the last of the `stamps` ``(N,)``, which need not be in order.

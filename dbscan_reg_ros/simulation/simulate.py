@@ -26,7 +26,7 @@ class Simulation:
         Pose x, y [m], theta [rad] of the *sensor* in the world at the stamp of each scan, the time of its first beam.
     """
 
-    scans: list
+    scans: list[Scan]
     truth: np.ndarray
     world: World
     path: Path

@@ -11,7 +11,7 @@ scans = open_recording(sys.argv[1]).scans() if sys.argv[1:] else demo().scans
 # Parameters are changed by their full names, as in doc/parameters.md and in the YAML files.
 parameters = Parameters().replace({'scan.range_max': 20.0})
 odometry = Odometry(parameters)
-statuses = Counter()
+statuses: Counter[str] = Counter()
 for scan in scans:
     try:
         update = odometry.process(scan)

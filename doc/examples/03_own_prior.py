@@ -18,12 +18,14 @@ else:
     scans, wheels = drive.scans, wheel_odometry(drive.path)
 
 # Any other source of the motion will do. The laser is taken to sit at the centre of the wheels here.
-poses = [SE2.from_array(pose) for pose in interpolate(*wheels, [scan.stamp for scan in scans])]
+told = interpolate(*wheels, [scan.stamp for scan in scans])  # not finite before the first message and after the last
+scans, told = [scan for scan, pose in zip(scans, told) if np.isfinite(pose).all()], told[np.isfinite(told).all(axis=1)]
+poses = [SE2.from_array(pose) for pose in told]
 sigma = np.diag((0.02, 0.02, 0.01))  # standard deviations of the motion between two scans [m, m, rad]
 alone, fused = Odometry(), Odometry()
 for k, scan in enumerate(scans):
     motion = poses[k - 1].inverse() @ poses[k]
-    prior = Prior(motion, sigma @ sigma) if k and np.isfinite(motion.as_array()).all() else None
+    prior = Prior(motion, sigma @ sigma) if k else None
     ends = alone.process(scan).pose, fused.process(scan, prior).pose
 print(f'scans alone      {ends[0].brief()}\nscans and wheels {ends[1].brief()}')
 print(f'wheels alone     {(poses[0].inverse() @ poses[-1]).brief()}')

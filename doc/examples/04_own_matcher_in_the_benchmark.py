@@ -2,6 +2,7 @@
 """A matcher of your own beside ours: python 04_own_matcher_in_the_benchmark.py [RECORDING with truth or relations]."""
 import sys
 
+import numpy as np
 from scipy.spatial import cKDTree
 
 from dbscan_reg_ros import SE2, Status, open_recording
@@ -14,7 +15,7 @@ from dbscan_reg_ros.simulation.recording import SimulatedRecording
 
 
 # A method prepares each scan once, then aligns pairs of them; KeyFrames makes an odometry of any method.
-def align(reference, current, guess=None, max_distance=0.5):
+def align(reference: np.ndarray, current: np.ndarray, guess: SE2 | None = None, max_distance: float = 0.5) -> Result:
     """Return the pose of the current scan in the reference's frame, by point-to-point ICP."""
     tree, transform = cKDTree(reference), guess or SE2()
     for _ in range(20):

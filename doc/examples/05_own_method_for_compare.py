@@ -5,14 +5,14 @@ from pathlib import Path
 
 from scipy.spatial import cKDTree
 
-from dbscan_reg_ros import SE2
+from dbscan_reg_ros import SE2, Scan
 from dbscan_reg_ros.commands import compare, simulate
 from dbscan_reg_ros.evaluation.baselines import rigid_fit
 
 NEAREST = 0.5  # points that are farther apart [m] do not correspond
 
 
-def align(reference, current, guess):
+def align(reference: Scan, current: Scan, guess: SE2) -> SE2:
     """Return the pose of the `Scan` `current` in the frame of the `Scan` `reference`: point-to-point ICP."""
     fixed, moving = (scan.points[scan.valid] for scan in (reference, current))
     transform, tree = SE2(guess.x, guess.y, guess.theta), cKDTree(fixed)

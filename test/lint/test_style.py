@@ -38,6 +38,16 @@ def test_the_stubs_say_what_the_compiled_modules_have(root):
     assert found.returncode == 0, found.stdout + found.stderr
 
 
+def test_programs_of_users_pass_a_strict_type_checker(root):
+    mypy = root / '.venv-style' / 'bin' / 'mypy'
+    if not mypy.exists():
+        pytest.skip('needs scripts/test style')
+    options = ['--strict', '--config-file=', '--follow-imports=silent', '--ignore-missing-imports']
+    found = subprocess.run([mypy, *options, *sorted((root / 'doc' / 'examples').glob('*.py'))], cwd=root,
+                           capture_output=True, text=True, timeout=300, check=False)
+    assert found.returncode == 0, found.stdout + found.stderr
+
+
 def sources(root):
     """What the licence stands in: Python, Cython, shell and CMake."""
     for folder in ('.ci', 'dbscan_reg_ros', 'launch', 'scripts', 'test'):

@@ -11,15 +11,33 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rooms import FULL, L_ROOM, look, outline
+from rooms import FULL, L_ROOM, look, outline, room_log
 
 import dbscan_reg_ros
-from dbscan_reg_ros import SE2, Odometry, Parameters, Prior, Scan, ScanError, ScanGeometry, extract_features, register
+from dbscan_reg_ros import (
+    SE2,
+    ArgumentError,
+    Odometry,
+    ParameterError,
+    Parameters,
+    Prior,
+    Scan,
+    ScanError,
+    ScanGeometry,
+    Status,
+    extract_features,
+    open_recording,
+    register,
+    write_tum,
+)
+from dbscan_reg_ros.core.paper.pipeline import register as register_by_paper
+from dbscan_reg_ros.recordings import read_tum
 from dbscan_reg_ros.robot.parameters import NodeParameters
+from dbscan_reg_ros.version import version
 
 PROMISED = {'Scan', 'extract_features', 'register', 'Odometry', 'Parameters', 'SE2', 'Status', 'open_recording',
-            'DbscanRegError',
-            'ParameterError', 'RecordingError', 'ScanError'}
+            'Recording', 'write_tum', 'DbscanRegError', 'ArgumentError', 'ParameterError', 'RecordingError',
+            'ScanError'}
 ANGLES = np.linspace(-math.pi, math.pi, 360, endpoint=False)
 RANGES = np.linspace(1.0, 5.0, 360)
 
@@ -28,7 +46,8 @@ RANGES = np.linspace(1.0, 5.0, 360)
 
 def test_every_public_name_is_there_and_listed():
     assert set(dbscan_reg_ros.__all__) >= PROMISED
-    assert set(dir(dbscan_reg_ros)) >= PROMISED
+    assert set(dir(dbscan_reg_ros)) == {*dbscan_reg_ros.__all__, '__doc__', '__version__'}
+    assert dbscan_reg_ros.__version__ == version()
     for name in dbscan_reg_ros.__all__:
         assert getattr(dbscan_reg_ros, name).__name__ == name
 
@@ -37,7 +56,8 @@ def test_type_checkers_see_the_names_that_are_loaded_on_demand(root):
     """The imports under TYPE_CHECKING and the table of modules say the same."""
     tree = ast.parse((root / 'dbscan_reg_ros' / '__init__.py').read_text())
     branch = next(node for node in tree.body if isinstance(node, ast.If))
-    seen = {alias.name: node.module for node in branch.body for alias in node.names}
+    seen = {alias.name: node.module for node in branch.body if isinstance(node, ast.ImportFrom)
+            for alias in node.names}
     assert seen == dbscan_reg_ros._HOMES
     assert set(seen) == set(dbscan_reg_ros.__all__)
 
@@ -130,7 +150,94 @@ def test_limits_that_are_no_numbers_are_refused():
         Scan.from_ranges(RANGES, ANGLES, range_max='far')
 
 
+# Scans from points
+
+@pytest.fixture(scope='module')
+def points():
+    """What a lidar measures of a room, in the order of its beams."""
+    return look(outline(L_ROOM), SE2(0.3, 0.2, 0.4), noise=0.005).points
+
+
+def test_points_in_any_order_are_the_scan_of_the_sorted_ones(points):
+    rng = np.random.default_rng(3)
+    for measured in (points, points[::-1], np.roll(points, 100, axis=0), rng.permutation(points)):
+        found = register(look(outline(L_ROOM)), Scan.from_points(measured)).transform
+        assert tuple(found) == pytest.approx((0.3, 0.2, 0.4), abs=0.005)
+    shuffled = np.vstack((rng.permutation(points), [(math.nan, 1.0)]))
+    scan = Scan.from_points(shuffled, stamp=7, range_min=1.0, range_max=3.0)
+    assert (scan.stamp, scan.geometry.size, scan.geometry.range_min, scan.geometry.range_max) == (7, 360, 1.0, 3.0)
+    assert (np.diff(scan.geometry.bearings) > 0.0).all()
+    np.testing.assert_array_equal(scan.valid, (scan.ranges >= 1.0) & (scan.ranges < 3.0))
+    assert Scan.from_points(points[::-1]).geometry.angle_increment == pytest.approx(-math.radians(1.0), rel=0.01)
+
+
+def test_points_that_are_no_scan_are_named(points):
+    with pytest.raises(ScanError, match=r'points of shape \(2, 360\); expected one point \(x, y\) in each row'):
+        Scan.from_points(points.T)
+    with pytest.raises(ScanError, match=r'not in the order of their bearings, but their time_increment is 0\.001'):
+        Scan.from_points(np.random.default_rng(3).permutation(points), time_increment=1e-3)
+    assert Scan.from_points(points, time_increment=1e-3).duration == pytest.approx(0.36)
+
+
+# Arguments of a wrong kind
+
+@pytest.mark.parametrize(('call', 'error', 'words'), [
+    (lambda _: Prior((0, 0, 0), np.eye(3)), ArgumentError, 'transform is of type tuple; expected SE2'),
+    (lambda _: Prior(SE2(), np.eye(2)), ArgumentError, r'shape \(2, 2\): expected \(3, 3\)'),
+    (lambda _: Prior(SE2(), np.zeros((3, 3))), ArgumentError, 'expected a positive definite matrix'),
+    (lambda _: Prior(SE2(), np.diag((1.0, 1.0, -1.0))), ArgumentError, 'expected a positive definite matrix'),
+    (lambda _: Prior(SE2(), np.full((3, 3), math.nan)), ArgumentError, 'expected a positive definite matrix'),
+    (lambda _: Prior(SE2(), np.diag((1.0, 1.0, math.inf))), ArgumentError, 'expected a positive definite matrix'),
+    (lambda _: Prior(SE2(), np.eye(3) + np.eye(3, k=1) / 2), ArgumentError, 'expected a symmetric matrix'),
+    (lambda _: Odometry({'scan.range_max': 9.0}), ParameterError, 'of type dict; expected Parameters'),
+    (lambda _: Odometry('lds.yaml'), ParameterError, r'of type str; .* read_parameters\(FILE\)'),
+    (lambda scan: register(scan, scan, {}), ParameterError, 'of type dict; expected Parameters'),
+    (lambda scan: register(scan, scan, parameters=None), ParameterError, 'of type NoneType; expected Parameters'),
+    (lambda scan: register(scan, scan, prior=SE2()), ArgumentError, 'prior is of type SE2; expected Prior'),
+    (lambda scan: extract_features(scan, {}), ParameterError, 'of type dict; expected Parameters'),
+    (lambda scan: extract_features(scan.ranges), ScanError, 'of type ndarray; expected Scan.from_ranges'),
+    (lambda scan: Odometry().process(scan.ranges), ScanError, 'of type ndarray; expected Scan.from_ranges'),
+    (lambda scan: Odometry().process(scan, SE2()), ArgumentError, 'prior is of type SE2; expected Prior'),
+    (lambda scan: Odometry().process(scan, None, 'rear'), ArgumentError, 'sensor is of type str; expected Sensor'),
+    (lambda _: Odometry().reset((1.0, 2.0, 3.0)), ArgumentError, 'pose is of type tuple; expected SE2'),
+    (lambda _: Scan(0, RANGES, None), ScanError, 'geometry is of type NoneType; expected ScanGeometry'),
+])
+def test_arguments_of_a_wrong_kind_are_named(pair, call, error, words):
+    with pytest.raises(error, match=words):
+        call(pair[0])
+
+
+def test_a_covariance_may_be_a_list_of_rows():
+    assert Prior(SE2(), [[1, 0, 0], [0, 4, 0], [0, 0, 9]]).rotation_sigma == 3.0
+
+
+# Recordings and trajectories
+
+def test_a_recording_says_what_it_is_and_how_long(tmp_path):
+    recording = open_recording(room_log(tmp_path / 'room.log', 5))
+    assert repr(recording) == f"CarmenLog('{tmp_path / 'room.log'}', 5 scans on FLASER)"
+    assert len(recording) == len(list(recording.scans())) == 5
+
+
+def test_the_updates_of_an_odometry_are_a_trajectory(pair, tmp_path):
+    odometry = Odometry()
+    updates = [odometry.process(dataclasses.replace(scan, stamp=k * 10**8)) for k, scan in enumerate(pair)]
+    write_tum(tmp_path / 'a.tum', updates)
+    write_tum(tmp_path / 'b.tum', [each.stamp for each in updates], [each.pose for each in updates])
+    assert (tmp_path / 'a.tum').read_text() == (tmp_path / 'b.tum').read_text()
+    stamps, poses = read_tum(tmp_path / 'a.tum')
+    assert stamps.tolist() == [0, 10**8]
+    np.testing.assert_allclose(poses, [each.pose for each in updates], atol=1e-9)
+
+
 # Registration of scans
+
+def test_the_method_of_the_paper_is_not_judged(pair):
+    found = register_by_paper(*pair)
+    assert found.status is Status.OK and not found.judged
+    assert ', not judged, ' in repr(found) and 'confidence' not in repr(found)
+    assert register(*pair).judged and ', confidence 1.00' in repr(register(*pair))
+
 
 def test_the_lines_of_the_readme_run(root, pair, capsys):
     block = (root / 'README.md').read_text().partition('```python\n')[2].partition('```')[0]
@@ -156,7 +263,7 @@ def test_scans_are_registered_as_their_features_are(pair):
 
 
 def test_what_is_no_scan_is_not_registered(pair):
-    with pytest.raises(ScanError, match='ndarray cannot be registered; expected Scan or Features'):
+    with pytest.raises(ScanError, match=r'scan is of type ndarray; expected Scan\.from_ranges'):
         register(pair[0].ranges, pair[1])
     with pytest.raises(ScanError, match='0 of 360 beams have a return'):
         register(pair[0], Scan(0, np.full(360, math.inf), FULL))

@@ -4,7 +4,8 @@
 import numpy as np
 
 from ..errors import ScanError
-from ..parameters.tree import Parameters
+from ..parameters.tree import Parameters, expect_parameters
+from ..scan import expect_scan
 
 from libc.math cimport isfinite
 from libc.string cimport memcpy
@@ -36,8 +37,12 @@ def extract_features(scan, parameters=_DEFAULTS, noise_ratio=None):
     Raises
     ------
     ScanError
-        When fewer than `scan.min_returns` beams have a return.
+        When `scan` is no `Scan`, or fewer than `scan.min_returns` of its beams have a return.
+    ParameterError
+        When `parameters` are no `Parameters`.
     """
+    expect_scan(scan)
+    expect_parameters(parameters)
     returns = Returns(scan, parameters.scan)
     return extract_from_returns(returns, parameters, returns.noise_ratio if noise_ratio is None else noise_ratio)
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Returns of a scan that the parameters admit, with their noise."""
+from dataclasses import replace
+
 import numpy as np
 
 from ..errors import ScanError
@@ -119,4 +121,5 @@ def deskew(scan, twist):
     if scan.time_increment == 0.0 or not np.any(twist) or not scan.valid.any():
         return scan
     points = deskewed_points(scan, twist)[:2].T
-    return Scan.from_points(points, scan.stamp, scan.frame_id, scan.geometry.angle_increment)
+    made = Scan.from_points(points, stamp=scan.stamp, angle_increment=scan.geometry.angle_increment)
+    return replace(made, frame_id=scan.frame_id)

@@ -5,15 +5,18 @@ import math
 
 import numpy as np
 
-from libc.math cimport cos, sin
+from libc.math cimport atan2, cos, isfinite, sin
 
 from .plane cimport wrap as wrapped_angle
 from .symmetric cimport turn
+from ..errors import ArgumentError
 from .rounding import fixed
 
 RIGHT_ANGLE = 0.5 * math.pi
 DOF = 3
 """Degrees of freedom of a motion of the plane: x, y and theta."""
+ROUGH = 1e-5
+"""Rounding errors of a rotation matrix in single precision are below this."""
 
 
 def wrap(angle):
@@ -75,12 +78,29 @@ cdef class SE2:
         Translation [m].
     theta : float
         Rotation [rad], counter-clockwise.
+
+    Raises
+    ------
+    ArgumentError
+        When a number is not finite.
     """
 
     __match_args__ = 'x', 'y', 'theta'
+    # Else an array would take a motion on its right as the array of its numbers, and multiply it by them.
+    __array_ufunc__ = None
 
     def __init__(self, double x=0.0, double y=0.0, double theta=0.0):
+        if not (isfinite(x) and isfinite(y) and isfinite(theta)):
+            raise ArgumentError(f'SE2({x}, {y}, {theta}): expected finite numbers [m, m, rad]')
         self.x, self.y, self.theta = x, y, theta
+
+    def __iter__(self):
+        """Iterate over x [m], y [m] and theta [rad]."""
+        return iter(self.as_tuple())
+
+    def __array__(self, dtype=None, copy=None):
+        """Convert to an array, as `as_array`."""
+        return np.array(self.as_tuple(), dtype=dtype)
 
     def __matmul__(SE2 self, SE2 other):
         """Compose two motions: `other` is applied first, then this one."""
@@ -129,7 +149,31 @@ cdef class SE2:
     def from_array(cls, values):
         """Make a motion from x [m], y [m] and theta [rad]; the angle is wrapped."""
         x, y, theta = values
-        return motion(x, y, wrapped_angle(theta))
+        return SE2(x, y, wrapped_angle(theta))
+
+    def as_matrix(self):
+        """Return the homogeneous matrix ``(3, 3)``, which transforms (x, y, 1)."""
+        c, s = cos(self.theta), sin(self.theta)
+        return np.array([[c, -s, self.x], [s, c, self.y], [0.0, 0.0, 1.0]])
+
+    @classmethod
+    def from_matrix(cls, matrix):
+        """Make a motion from its homogeneous matrix ``(3, 3)``.
+
+        Raises
+        ------
+        ArgumentError
+            When the matrix is none of a rotation and a translation.
+        """
+        matrix = np.asarray(matrix, dtype=float)
+        if matrix.shape != (DOF, DOF):
+            raise ArgumentError(f'a matrix of shape {matrix.shape}: expected (3, 3)')
+        made = SE2(matrix[0, 2], matrix[1, 2], atan2(matrix[1, 0], matrix[0, 0]))
+        error = np.abs(made.as_matrix() - matrix).max()
+        if not error <= ROUGH:
+            raise ArgumentError(f'the matrix is {error:.2g} away from that of a rotation and a translation: expected '
+                                '[[cos, -sin, x], [sin, cos, y], [0, 0, 1]]')
+        return made
 
     def __repr__(self):
         return f'SE2(x={self.x!r}, y={self.y!r}, theta={self.theta!r})'

@@ -2,10 +2,13 @@
 """Types of the symmetric 3 x 3 matrices."""
 from collections.abc import Iterable
 
+from numpy.typing import ArrayLike
+
 from .array_types import FloatArray
 
 IDENTITY: FloatArray
 
+def as_covariance(matrix: ArrayLike) -> FloatArray: ...
 def inverse(matrix: FloatArray) -> FloatArray: ...
 def corrected(covariance: FloatArray, information: FloatArray) -> tuple[FloatArray, FloatArray]: ...
 def mahalanobis(error: Iterable[float], covariance: FloatArray) -> float: ...

@@ -3,12 +3,17 @@
 """Symmetric positive definite 3 x 3 matrices as arrays."""
 import numpy as np
 
+from libc.math cimport fabs, isfinite, sqrt
+
+from ..errors import ArgumentError
 from .se2 import DOF
+from .tolerance import TINY
 
 from .symmetric cimport Factors, Symmetric, factors, inverse_of, squared_distance, symmetric, write_rows
 
 IDENTITY = np.eye(DOF)
 IDENTITY.flags.writeable = False
+cdef double tiny = TINY
 
 
 cdef Factors factors_of(const double[:, :] matrix) except *:
@@ -17,6 +22,30 @@ cdef Factors factors_of(const double[:, :] matrix) except *:
     if f.a == 0.0 or f.b == 0.0 or f.c == 0.0:
         raise ZeroDivisionError('the matrix is singular')
     return f
+
+
+def as_covariance(matrix):
+    """Return a covariance as an array ``(3, 3)``.
+
+    Raises
+    ------
+    ArgumentError
+        When the matrix is not symmetric and positive definite.
+    """
+    array = np.asarray(matrix, dtype=float)
+    if array.ndim != 2 or array.shape[0] != DOF or array.shape[1] != DOF:
+        raise ArgumentError(f'a covariance of shape {array.shape}: expected (3, 3), of x, y [m] and theta [rad]')
+    cdef const double[:, :] rows = array
+    cdef Factors f = factors(rows[0, 0], rows[0, 1], rows[0, 2], rows[1, 1], rows[1, 2], rows[2, 2])
+    cdef Py_ssize_t i, j
+    if not (f.a > 0.0 and f.b > 0.0 and f.c > 0.0 and isfinite(f.a + f.b + f.c)):
+        raise ArgumentError(f'a covariance {array.tolist()}: expected a positive definite matrix; its diagonal holds '
+                            'the squared standard deviations')
+    for i in range(3):
+        for j in range(i):
+            if not fabs(rows[i, j] - rows[j, i]) <= tiny * sqrt(rows[i, i] * rows[j, j]):
+                raise ArgumentError(f'a covariance {array.tolist()}: expected a symmetric matrix')
+    return array
 
 
 def inverse(const double[:, :] matrix):

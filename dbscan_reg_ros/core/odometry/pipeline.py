@@ -13,7 +13,7 @@ from ..features.records import Features
 from ..features.returns import Returns
 from ..geometry.se2 import SE2
 from ..parameters.features import ScanParameters
-from ..parameters.tree import Parameters
+from ..parameters.tree import Parameters, expect_parameters
 from ..registration.records import Prior, Status
 from ..scan import Scan
 from ..sensor import FIRST, Sensor
@@ -61,6 +61,7 @@ class Odometry:
 
     @parameters.setter
     def parameters(self, parameters: Parameters) -> None:
+        expect_parameters(parameters)
         self._parameters, self._search_parameters = parameters, search_parameters(parameters)
         self._limited: dict[ScanParameters, Parameters] = {}
 

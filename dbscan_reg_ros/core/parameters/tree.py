@@ -4,7 +4,7 @@ import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
 
-from ..errors import ParameterError
+from ..errors import ParameterError, expect
 from .features import RingBandParameters, ScanParameters, SegmentParameters
 from .odometry import ManhattanParameters, OdometryParameters, PriorParameters, TimeParameters
 from .registration import (
@@ -63,3 +63,9 @@ class Parameters(ParameterTree):
             selection=dataclasses.replace(
                 s, wide_search_factor=1, preselected=min(factor * s.preselected, MAX_COUNT),
                 max_clusters=min(factor * s.max_clusters, MAX_COUNT), min_support_ratio=0.5 * s.min_support_ratio))
+
+
+def expect_parameters(value: object) -> None:
+    """Raise ParameterError if a `value` given as parameters is none."""
+    expect('parameters', value, Parameters,
+           "Parameters().replace({'scan.range_max': 20.0}), or read_parameters(FILE).for_odometry()", ParameterError)

@@ -2,17 +2,16 @@
 """The registration of one scan onto another (Figure 13)."""
 import numpy as np
 
-from ..errors import ScanError
 from ..features.extraction import extract_features
 from ..features.records import Features
-from ..parameters.tree import Parameters
+from ..parameters.tree import Parameters, expect_parameters
 from ..scan import Scan
 from .clustering.translation import heaviest_motions, near_motions
 from .confidence.assessment import assess
 from .hypotheses import Candidates
 from .landmarks import landmark_motions
 from .ranking import rank_by_density
-from .records import Prior, Registration, Status
+from .records import Prior, Registration, Status, expect_prior
 from .search import Problem, SearchStage
 from .status import decide, failed
 
@@ -44,8 +43,14 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
     Raises
     ------
     ScanError
-        When a scan has too few returns, or an argument is neither a `Scan` nor `Features`.
+        When a scan has too few returns, or is neither a `Scan` nor `Features`.
+    ParameterError
+        When `parameters` are no `Parameters`.
+    ArgumentError
+        When `prior` is no `Prior`.
     """
+    expect_parameters(parameters)
+    expect_prior(prior)
     # Sections 2.1 and 2.2: filter and lines of both scans.
     reference, current = (as_features(each, parameters) for each in (reference, current))
     problem = Problem(reference, with_common_noise(reference, current), parameters, prior)
@@ -62,12 +67,7 @@ def register(reference: Scan | Features, current: Scan | Features, parameters: P
 
 def as_features(scan: Scan | Features, parameters: Parameters) -> Features:
     """Extract the features of a scan; `Features` are returned unchanged."""
-    if isinstance(scan, Features):
-        return scan
-    if isinstance(scan, Scan):
-        return extract_features(scan, parameters)
-    raise ScanError(f'a {type(scan).__name__} cannot be registered; expected Scan or Features: '
-                    'Scan.from_ranges(ranges, angles)')
+    return scan if isinstance(scan, Features) else extract_features(scan, parameters)
 
 
 def register_within_gate(reference: Features, current: Features, parameters: Parameters, prior: Prior) -> Registration:

@@ -9,15 +9,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import expect
 from ..geometry.array_types import FloatArray, IntArray
 from ..geometry.se2 import SE2, turned, wrap
+from ..geometry.symmetric_matrix import as_covariance
 
 
 class Status(Enum):
     """Status of a registration."""
 
     OK = 'ok'
-    """The motion is known in every direction. The method of the paper, which has no check, sets it as well."""
+    """The motion is known in every direction. The method of the paper, which has no check, sets it as well; then the
+    registration is not `judged`."""
     DEGENERATE = 'degenerate'
     """The scans agree, but the translation along one direction, or the rotation, is unobservable."""
     AMBIGUOUS = 'ambiguous'
@@ -148,9 +151,15 @@ class Registration:
     def __repr__(self) -> str:
         """Return one line."""
         reason = f': {self.reason}' if self.reason else ''
+        confidence = f'confidence {self.confidence:.2f}' if self.judged else 'not judged'
         sigma = sigma_text(self.covariance_in_reference, 'the reference')
         return (f'Registration({self.transform.brief()}, {sigma}, score {self.score:.3f}, overlap {self.overlap:.3f}, '
-                f'confidence {self.confidence:.2f}, {len(self.hypotheses)} hypotheses, {self.status.name}{reason})')
+                f'{confidence}, {len(self.hypotheses)} hypotheses, {self.status.name}{reason})')
+
+    @property
+    def judged(self) -> bool:
+        """Whether the result was checked; the method of the paper has no check."""
+        return self.status is not Status.OK or self.weakest_information is not None
 
     @property
     def covariance_in_reference(self) -> FloatArray:
@@ -181,11 +190,20 @@ class Prior:
     velocity_change : (3, 3) float or None
         For a prediction of the motion model: the part of the covariance that is due to a change of the velocity. None
         for an external prior.
+
+    Raises
+    ------
+    ArgumentError
+        When `transform` is no `SE2`, or `covariance` is not positive definite.
     """
 
     transform: SE2
     covariance: FloatArray
     velocity_change: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        expect('transform', self.transform, SE2, 'SE2(x, y, theta) [m, m, rad]')
+        object.__setattr__(self, 'covariance', as_covariance(self.covariance))
 
     def __repr__(self) -> str:
         """Return one line."""
@@ -213,3 +231,9 @@ class Prior:
         covariance = translation @ self.covariance @ translation + np.diag((0.0, 0.0, sigma * sigma))
         change = None if self.velocity_change is None else translation @ self.velocity_change @ translation
         return Prior(SE2(chord.x, chord.y, wrap(rotation)), covariance, change)
+
+
+def expect_prior(value: object) -> None:
+    """Raise ArgumentError if a `value` given as prior is neither a `Prior` nor None."""
+    if value is not None:
+        expect('prior', value, Prior, 'Prior(SE2(x, y, theta), covariance)')

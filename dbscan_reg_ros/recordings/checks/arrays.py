@@ -4,14 +4,15 @@ import functools
 import warnings
 from collections import defaultdict
 
+from ...core.errors import expect
 from ...core.geometry.se2 import SE2
 from ...core.odometry import pipeline
 from ...core.odometry.calibration.comparisons import LidarComparisons
 from ...core.odometry.records import OdometryUpdate
 from ...core.parameters.tree import Parameters
 from ...core.registration import pipeline as registration
-from ...core.registration.records import Prior, Registration
-from ...core.scan import Scan
+from ...core.registration.records import Prior, Registration, expect_prior
+from ...core.scan import Scan, expect_scan
 from ...core.sensor import FIRST, Sensor
 from .ranges import RangeChecks
 from .scan_checks import ScanChecks, ScanFields
@@ -42,12 +43,16 @@ class Odometry(pipeline.Odometry):
         self._warned: set[tuple[str, Kind]] = set()
 
     def reset(self, pose: SE2 = SE2()) -> None:  # noqa: D102 - the docstring is inherited
+        expect('pose', pose, SE2, 'SE2(x, y, theta) [m, m, rad]')
         for checks in self._checks.values():
             checks.restart()
         super().reset(pose)
 
     def process(self, scan: Scan, prior: Prior | None = None,  # noqa: D102 - the docstring is inherited
                 sensor: Sensor = FIRST) -> OdometryUpdate:
+        expect_scan(scan)
+        expect_prior(prior)
+        expect('sensor', sensor, Sensor, 'Sensor(name, pose)')
         fields = ScanFields.from_scan(scan)
         if scan.stamp == self._stamps.get(sensor.name) == 0:
             fields = fields._replace(stamp=0)

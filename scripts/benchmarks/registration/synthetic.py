@@ -44,7 +44,8 @@ def moved(scan, ranges, motion) -> Scan:
     The beams keep their order and get one bearing each.
     """
     points = np.where(np.isfinite(ranges), ranges, np.nan)[:, None] * scan.geometry.directions
-    return Scan.from_points(motion.inverse().apply(points), scan.stamp, angle_increment=scan.geometry.angle_increment)
+    return Scan.from_points(motion.inverse().apply(points), stamp=scan.stamp,
+                            angle_increment=scan.geometry.angle_increment)
 
 
 def random_motion(rng, translation, rotation) -> SE2:

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from dbscan_reg_ros.core.errors import ArgumentError
 from dbscan_reg_ros.core.geometry.se2 import SE2, turn_matrix, wrap
 
 
@@ -78,3 +79,36 @@ def test_the_adjoint_carries_a_body_perturbation_across_a_motion():
 def test_a_motion_cannot_be_changed():
     with pytest.raises(AttributeError):
         SE2().x = 1.0
+
+
+def test_motions_become_numbers_arrays_and_matrices_and_come_back():
+    for motion in drawn():
+        x, y, theta = motion
+        assert (x, y, theta) == (motion.x, motion.y, motion.theta)
+        np.testing.assert_array_equal(np.asarray(motion), [x, y, theta])
+        np.testing.assert_array_equal(motion.as_matrix(), matrix(motion))
+        assert SE2.from_array(motion) == motion
+        np.testing.assert_allclose(SE2.from_matrix(motion.as_matrix()), motion, atol=1e-15)
+        np.testing.assert_allclose(SE2.from_matrix(motion.as_matrix().astype(np.float32)), motion, atol=1e-5)
+    assert np.array(drawn()).shape == (50, 3)
+
+
+@pytest.mark.parametrize('numbers', [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), (0.0, 0.0, -math.inf)])
+def test_numbers_that_are_not_finite_are_no_motion(numbers):
+    for make in (lambda: SE2(*numbers), lambda: SE2.from_array(numbers)):
+        with pytest.raises(ArgumentError, match='expected finite numbers'):
+            make()
+
+
+@pytest.mark.parametrize(('wrong', 'words'), [
+    (np.eye(4), r'shape \(4, 4\): expected \(3, 3\)'), (2.0 * np.eye(3), 'is 1 away from that of a rotation'),
+    (np.diag((1.0, -1.0, 1.0)), 'is 2 away'), (matrix(SE2(1.0, 2.0)).T, 'is 2 away')])
+def test_a_matrix_that_is_no_motion_is_refused(wrong, words):
+    with pytest.raises(ArgumentError, match=words):
+        SE2.from_matrix(wrong)
+
+
+def test_an_array_does_not_multiply_the_numbers_of_a_motion():
+    for multiply in (lambda: np.eye(3) @ SE2(), lambda: np.ones(3) * SE2(), lambda: np.ones(3) + SE2()):
+        with pytest.raises(TypeError):
+            multiply()

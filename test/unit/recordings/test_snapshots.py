@@ -12,7 +12,7 @@ from dbscan_reg_ros.recordings.snapshots import Snapshot, SnapshotUpdate, read_s
 @pytest.fixture(scope='module')
 def updates(drive):
     odometry = Odometry(Parameters())
-    scans = [*drive.scans[:4], Scan.from_points(drive.scans[4].points, drive.scans[4].stamp)]
+    scans = [*drive.scans[:4], Scan.from_points(drive.scans[4].points, stamp=drive.scans[4].stamp)]
     pairs = []
     for k, scan in enumerate(scans):
         prior = Prior(pairs[-1][0].increment, np.diag([0.1, 0.1, 0.05]) ** 2) if k == 3 else None
