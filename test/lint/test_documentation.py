@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+import dbscan_reg_ros
 from dbscan_reg_ros.robot.parameter_files import read_parameters
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
@@ -47,6 +48,11 @@ def test_the_architecture_names_every_module_of_the_core_and_every_folder(root):
     assert {name for name in expected if f'`{name}`' not in text} == set()
     folders = {path.parent.name for path in package.glob('*/__init__.py')}
     assert {name for name in folders if f'`{name}/`' not in text and f'/{name}`' not in text} == set()
+
+
+def test_the_site_describes_every_public_name(root):
+    described = re.findall(r'^\.\. auto\w+:: (\w+)$', (root / 'doc' / 'api.rst').read_text(), re.MULTILINE)
+    assert sorted(described) == sorted(dbscan_reg_ros.__all__)
 
 
 @pytest.mark.parametrize('name', DOCUMENTS)
