@@ -49,8 +49,8 @@ class Step:
         Direction in which the translation is not observable [rad], in the frame of the first scan.
     covariance : (3, 3) float or None
         Covariance of `pose`, in the frame of the first scan.
-    twist_covariance : (3, 3) float or None
-        Covariance of the velocity, in the frame of the sensor; None if there is no result for the scan.
+    twist, twist_covariance : (3,) float, (3, 3) float or None
+        Velocity in the frame of the sensor [m/s, m/s, rad/s], and its covariance; None without a result for the scan.
     interval : float [s]
         Filtered time since the last scan, if it is known.
     registration, contradicted : None
@@ -63,6 +63,7 @@ class Step:
     status: Status = Status.OK
     degenerate_direction: float | None = None
     covariance: np.ndarray | None = None
+    twist: np.ndarray | None = None
     twist_covariance: np.ndarray | None = None
     interval: float = 0.0
     registration: None = None
@@ -85,11 +86,11 @@ class Ours:
             update = self._odometry.process(scan, external and external(self._odometry.predict_motion(scan.stamp)))
         except ScanError:
             return dataclasses.replace(self._last, status=Status.FAILED, degenerate_direction=None,
-                                       twist_covariance=None)
+                                       twist=None, twist_covariance=None)
         free = update.registration and update.registration.degenerate_direction
         free = None if free is None else update.reference_pose.theta + free
-        self._last = Step(update.pose, update.status, free, update.covariance, update.twist_covariance,
-                          update.interval)
+        self._last = Step(update.pose, update.status, free, update.covariance, update.twist,
+                          update.twist_covariance, update.interval)
         return self._last
 
 

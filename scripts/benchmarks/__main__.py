@@ -13,57 +13,39 @@ BENCHMARKS = {
     'pairs': 'pairs k, k+s of the Intel log without an initial guess',
     'relations': 'the Freiburg relations of the Intel log without an initial guess',
     'synthetic': 'Intel scans with noise and outliers, moved by a known motion',
-    'figure4': 'Intel scans and the same points moved, to 1 mm and 0.001 rad',
-    'paper': 'Table 1, Table 3 and the example of Figures 4 to 12 beside the published numbers',
-    'speed': 'features of one scan plus registration, ours and GICP in turns',
-    'odometry': 'drift of the odometry on recordings and in simulated worlds',
-    'node': 'the running node: latency, load of a core, memory, time to start; two lidars beside one',
-    'soak': 'hours of driving: memory, time, containers, equal bits in every run and in the node',
-    'silent': 'scans that are called OK and are wrong',
-    'covariance': 'whether the covariances agree with the errors, in simulated worlds',
-    'sparse': 'key frames far apart: the odometry beside registrations without a guess',
-    'narrow': 'odometry of depth cameras with narrow fields of view',
-    'passers': 'odometry while people cross close in front of the lidar',
-    'companions': 'odometry among people who walk along with the robot',
-    'doors': 'odometry in a corridor whose doors open and close',
-    'pillar': 'odometry along a wall with one pillar in view',
-    'stops': 'odometry that stops in a corridor with doors',
-    'curved': 'odometry in a smooth curved corridor',
-    'lidars': 'two lidars, the second with a wrong mounting or late stamps; own body, cross-talk; three lidars',
-    'heights': 'twenty correct pairs of lidars at different heights, among people: accusations and errors',
-    'loops': 'wrong loop closures, and the error with and without them, on Intel and ten simulated tours',
-    'places': 'localisation in a map from any start: found, wrong, and what is said outside the map',
-    'covered': 'odometry of a lidar with a box over it for a while',
-    'spin': 'turn rates of published twists while the robot rotates in place',
-    'spinup': 'odometry that begins while the lidar spins up',
     'overlap': 'any motion without a prior, by the overlap of the views; precision and recall of the status',
+    'covariance': 'whether the covariances agree with the errors, in simulated worlds',
+    'confidence': 'calibration of the confidence of registrations, and the fit of its model',
+    'paper': 'Table 1, Table 3, Figure 4 and the example of Figures 4 to 12 beside the published numbers',
+    'speed': 'features of one scan plus registration, ours and GICP in turns',
+    'odometry': 'odometry on recordings and in simulated worlds: drift, honesty, the worst of a drive, silent errors',
+    'sparse': 'key frames far apart: the odometry beside registrations without a guess',
     'sensors': 'odometry of each lidar with its parameter file, beside the defaults and all other files',
     'ablation': 'the odometry without one feature at a time, on the courses that should need it',
-    'confidence': 'calibration of the confidence of registrations, and the fit of its model',
-    'page': 'the page of the Intel log in a browser: time to open, time of a frame, memory',
-    'watch': 'the live page: from a scan to the page, and the latency of the node with and without it',
+    'lidars': 'two lidars, one wrong, late or silent, or at another height; own body, cross-talk; three lidars',
+    'loops': 'wrong loop closures, and the error with and without them, on Intel and ten simulated tours',
+    'places': 'localisation in a map from any start: found, wrong, and what is said outside the map',
+    'node': 'the running node: latency, load of a core, memory, time to start; two lidars beside one',
+    'soak': 'hours of driving: memory, time, containers, equal bits in every run and in the node',
+    'page': 'pages in a browser: that of the Intel log, and the live page with the latency of the node',
     'fingerprint': 'whether another commit gives the same numbers, bit for bit',
 }
 MODULES = {
-    'pairs': 'registration.pairs', 'relations': 'registration.relations', 'synthetic': 'registration.synthetic',
-    'overlap': 'registration.overlap', 'speed': 'registration.speed',
-    'covariance': 'registration.covariance',
-    'confidence': 'registration.confidence', 'loops': 'registration.loops',
-    'figure4': 'paper.figure4', 'paper': 'paper.paper',
-    'odometry': 'odometry.drift', 'silent': 'odometry.silent', 'sparse': 'odometry.sparse',
-    **dict.fromkeys(('passers', 'companions', 'doors', 'pillar', 'stops', 'curved'), 'odometry.moving'),
-    **dict.fromkeys(('narrow', 'covered', 'spinup'), 'odometry.hard'), 'spin': 'odometry.spin', 'sensors': 'sensors',
-    'ablation': 'odometry.ablation', 'node': 'node.streams', 'soak': 'node.soak',
-    'lidars': 'lidars.wrong', 'heights': 'lidars.heights', 'page': 'page.page', 'watch': 'node.watched',
-    'fingerprint': 'fingerprint.fingerprint', 'places': 'places.places',
+    **{name: f'registration.{name}' for name in (
+        'pairs', 'relations', 'synthetic', 'overlap', 'speed', 'covariance', 'confidence', 'loops')},
+    **{name: f'odometry.{name}' for name in ('drift', 'honesty', 'worst', 'silent', 'sparse', 'ablation')},
+    'paper': 'paper.paper', 'sensors': 'sensors', 'lidars': 'lidars.wrong', 'places': 'places.places',
+    'node': 'node.streams', 'soak': 'node.soak', 'page': 'page.page', 'fingerprint': 'fingerprint.fingerprint',
 }
-"""Benchmark -> module of this package."""
-OURS_ONLY = ('node', 'soak', 'silent', 'covariance', 'confidence', 'loops', 'ablation', 'page',
-             'lidars', 'heights', 'watch', 'sensors', 'fingerprint', 'places')
+"""Benchmark, or view of the odometry -> module of this package."""
+VIEWS = {'drift': 'errors over 1 and 5 m, frozen scans, times',
+         'honesty': 'errors of dbscan beside the published covariances',
+         'worst': 'the largest errors of a drive, and steps and stretches that are OK and wrong',
+         'silent': 'steps and metres of dbscan that are OK and wrong'}
+OURS_ONLY = ('node', 'soak', 'covariance', 'confidence', 'loops', 'ablation', 'page', 'lidars', 'sensors', 'places',
+             'fingerprint')
 """No other method has what they measure."""
-SEEDED = ('narrow', 'passers', 'companions', 'doors', 'pillar', 'stops', 'curved', 'covered', 'spin', 'spinup')
-"""Courses with one drive for each seed."""
-SIMULATED = ('node', 'lidars', 'heights', 'watch', 'soak', 'covariance', 'overlap', 'sensors', *SEEDED)
+SIMULATED = ('node', 'lidars', 'soak', 'covariance', 'overlap', 'sensors')
 """They need no recordings."""
 COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs',
            'trees', 'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'scanner_front',
@@ -96,36 +78,44 @@ def make_parser():
                              help='at most N trials of each kind, evenly spread; of each drive the first N scans')
         command.add_argument('-v', '--verbose', action='store_true',
                              help='list every trial that failed or was not OK; show the traceback of an error')
-        if name == 'odometry':
-            command.add_argument('--course', nargs='+', metavar='NAME', help=f'only these, of {", ".join(COURSES)}')
-            command.add_argument('--prior', choices=('none', 'wheel', 'imu'), default='none',
-                                 help='source of the external prior; wheel: the odometry of the log, compared with '
-                                      'laser only '
-                                 'on Intel; imu: the true rotations, 1 %% too large, with noise of 3 mrad')
-            command.add_argument('--poses', type=Path, metavar='FILE.csv',
-                                 help='write the poses of dbscan on the first course as index,x,y,theta,ms')
-            command.add_argument('--copies', type=positive, metavar='N',
-                                 help='mean and two standard errors (+-) over N copies '
-                                 'of each course with 2 mm of noise on the ranges, without bounds')
-            command.add_argument('--honesty', action='store_true',
-                                 help='instead: errors of dbscan beside the published covariances')
-            command.add_argument('--seeds', type=positive, metavar='N',
-                                 help='the first N seeds, of courses that take seeds')
-            add_processes(command)
-        elif name in SEEDED:
-            command.add_argument('--seeds', type=positive, default=10, metavar='N',
-                                 help='the first N of the ten seeds (default: 10)')
-        elif name in ADDED:
+        if name in ADDED:
             ADDED[name](command)
-        elif name == 'confidence':
-            command.add_argument('--fit', action='store_true', help='fit the coefficients and print them')
-            add_processes(command)
     return parser
 
 
 def add_processes(command):
     """Add the option ``--processes`` to a command."""
     command.add_argument('--processes', type=positive, metavar='N', help='at a time (default: one for each processor)')
+
+
+def add_odometry(command):
+    """Add the options of ``bench odometry``."""
+    command.add_argument('--view', choices=VIEWS, default='drift',
+                         help='; '.join(f'{name}: {summary}' for name, summary in VIEWS.items()) + ' (default: drift)')
+    command.add_argument('--course', nargs='+', metavar='NAME', help=f'only these, of {", ".join(COURSES)}')
+    command.add_argument('--prior', choices=('none', 'wheel', 'imu'), default='none',
+                         help='source of the external prior, for drift and honesty; wheel: the odometry of the log, '
+                         'compared with laser only on Intel; imu: the true rotations, 1 %% too large, with noise of '
+                         '3 mrad')
+    command.add_argument('--poses', type=Path, metavar='FILE.csv',
+                         help='write the poses of dbscan on the first course as index,x,y,theta,ms')
+    command.add_argument('--copies', type=positive, metavar='N',
+                         help='drift: mean and two standard errors (+-) over N copies of each course with 2 mm of '
+                         'noise on the ranges, without bounds')
+    command.add_argument('--seeds', type=positive, metavar='N',
+                         help='the first N seeds, of courses that take seeds (worst: 10)')
+    add_processes(command)
+
+
+def add_confidence(command):
+    """Add the options of ``bench confidence``."""
+    command.add_argument('--fit', action='store_true', help='fit the coefficients and print them')
+    add_processes(command)
+
+
+def add_only(*tables):
+    """Return what adds the option ``--only``, which takes names of `tables`, to a command."""
+    return lambda command: command.add_argument('--only', nargs='+', choices=tables, help='only these tables')
 
 
 def add_sensors(command):
@@ -138,11 +128,11 @@ def add_sensors(command):
 
 def add_lidars(command):
     """Add the options of ``bench lidars``."""
-    command.add_argument('--only', nargs='+', choices=('wrong', 'body', 'number', 'silent'),
-                         help='only these tables: a wrong second or first lidar, own body and '
-                         'cross-talk, number of lidars, one lidar silent for a while')
+    command.add_argument('--only', nargs='+', choices=('wrong', 'body', 'number', 'silent', 'heights'),
+                         help='only these tables: a wrong second or first lidar, own body and cross-talk, number of '
+                         'lidars, one lidar silent for a while, pairs of lidars at different heights')
     command.add_argument('--seeds', type=positive, default=5, metavar='N',
-                         help='drives of each kind in the last three tables (default: 5)')
+                         help='drives of each kind in the last four tables; four pairs for each (default: 5)')
     add_processes(command)
 
 
@@ -211,9 +201,10 @@ def add_fingerprint(command):
                          'in this folder (default: results/fingerprint)')
 
 
-ADDED = {'node': add_node, 'speed': add_speed, 'overlap': add_overlap, 'sensors': add_sensors, 'ablation': add_ablation,
-         'fingerprint': add_fingerprint, 'places': add_places,
-         'heights': add_processes, 'lidars': add_lidars}
+ADDED = {'odometry': add_odometry, 'node': add_node, 'speed': add_speed, 'overlap': add_overlap,
+         'sensors': add_sensors, 'ablation': add_ablation, 'fingerprint': add_fingerprint, 'places': add_places,
+         'lidars': add_lidars, 'confidence': add_confidence, 'page': add_only('report', 'live'),
+         'paper': add_only('table1', 'table3', 'figure4', 'steps')}
 """Benchmark -> what adds its options."""
 
 
@@ -223,7 +214,8 @@ def bench(args):
 
     from .report import machine
     print(machine())
-    report = import_module(f'.{MODULES[args.benchmark]}', __package__).measure(args)
+    module = MODULES[getattr(args, 'view', args.benchmark)]
+    report = import_module(f'.{module}', __package__).measure(args)
     print('\n\n'.join(report.tables))
     if args.json:
         args.json.write_text(json.dumps(report.measured(), indent=1) + '\n')

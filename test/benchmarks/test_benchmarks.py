@@ -34,7 +34,7 @@ from dbscan_reg_ros.simulation import Lidar, Path, follow, rooms, simulate
 def arguments(data, **changes):
     values = {'data': str(data), 'method': None, 'limit': None, 'verbose': False, 'course': None, 'prior': 'none',
               'poses': None, 'benchmark': 'test', 'copies': None, 'processes': None, 'against': None, 'calls': False,
-              'honesty': False, 'seeds': None}
+              'seeds': None}
     return SimpleNamespace(**(values | changes))
 
 

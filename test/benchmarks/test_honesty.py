@@ -129,8 +129,8 @@ def test_errors_that_fit_their_covariances_have_a_mean_square_of_one():
 
 def test_the_table_has_a_row_for_each_group(data, tmp_path, capsys):
     path = tmp_path / 'rates.json'
-    assert main(['odometry', '--data', str(data), '--course', 'hedge', '--honesty', '--seeds', '2', '--limit', '20',
-                 '--json', str(path)]) == 1
+    assert main(['odometry', '--data', str(data), '--course', 'hedge', '--view', 'honesty', '--seeds', '2', '--limit',
+                 '20', '--json', str(path)]) == 1
     output = capsys.readouterr().out
     assert 'hedge, prior none, dbscan' in output and 'missed: hedge_rplidar_a_new_silent_count = ' in output
     assert 'fixed_silent' not in output

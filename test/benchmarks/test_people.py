@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from benchmarks.odometry.courses import strolled
 from benchmarks.odometry.drift import drive
-from benchmarks.odometry.moving import figures
 from benchmarks.odometry.moving_courses import companions, pillar
+from benchmarks.odometry.worst import figures
 from rooms import outline
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, Status

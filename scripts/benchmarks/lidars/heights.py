@@ -23,11 +23,12 @@ from ..odometry.course import Course
 from ..odometry.courses import FRONT, REAR
 from ..odometry.drift import OURS, SeveralLidars
 from ..odometry.drift import follow as tracked
-from ..report import Report
 from .watched import Watched
 
 WORLDS = {'rooms': rooms, 'corridor': corridor, 'hall': hall}
 PAIRS = 20
+EACH_SEED = 4
+"""Pairs for each of ``--seeds``, by default all."""
 SECONDS = 45.0
 CLEAR = 0.5
 """Objects keep this distance [m] from the path."""
@@ -37,7 +38,7 @@ OBJECTS, PEOPLE = 24, 4
 ASIDE = 0.9
 """Distance [m] of people from the tour: they do not walk through the robot."""
 PACE = 1.0, 1.5
-"""Speeds of people [m/s], faster than the robot: ``companions`` has those who walk along."""
+"""Speeds of people [m/s], faster than the robot: the course ``companions`` has those who walk along."""
 FEET, BODY = 0.1, 0.18
 """Radii of what the lower and the higher lidar see of a person [m]."""
 SCANNER = Lidar(541, math.radians(-135.0), math.radians(0.5), 0.05, 30.0, 12.5, duration=0.06, noise=0.01,
@@ -50,26 +51,25 @@ SPARSE = 3, 8
 BOUNDS = {'accused_count': at_most(0), 'accused_sparse_count': at_most(0), 'ratio_better': at_most(1.0)}
 
 
-def measure(args) -> Report:
-    """Each pair alone and together; a row for each world and one for all."""
+def add_table(report, args):
+    """Add a table of each pair alone and together to a `Report`; a row for each world and one for all."""
     from dbscan_reg_ros.commands.workers import workers
-    pairs = range(min(args.limit or PAIRS, PAIRS))
+    pairs = range(min(PAIRS, EACH_SEED * args.seeds))
     with workers(args.processes or os.cpu_count()) as executor:
-        found = list(executor.map(judged, pairs))
+        found = list(executor.map(judged, pairs, itertools.repeat(args.limit)))
     rows = {world: _summary([each for each in found if each['world'] == world]) for world in WORLDS
             if any(each['world'] == world for each in found)}
     rows['all'] = _summary(found)
-    report = Report()
     report.add_courses('heights', rows, OURS, {'all': BOUNDS})
     if args.verbose:
         report.tables += [f'pair {each["pair"]} ({each["world"]}), {name}: {each[name]}'
                           for name in ('accusation', 'sparse') for each in found if each[name]]
-    return report
 
 
-def judged(pair) -> dict:
+def judged(pair, limit=None) -> dict:
     """Errors of both lidars of a pair over 5 m, alone and together, and whether the second was accused."""
-    world, course, other = drive(pair)
+    world, *courses = drive(pair)
+    course, other = (each.take(slice(limit)) for each in courses)
     comparisons, sparse = Watched(), Watched()
     both = tracked(SeveralLidars(course.others, comparisons), course, 'both')
     few = thinned(course, pair)

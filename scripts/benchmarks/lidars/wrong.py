@@ -13,7 +13,7 @@ from ..bounds import at_least, at_most
 from ..odometry.courses import FRONT, REAR, scanners
 from ..odometry.drift import OURS, SeveralLidars, follow
 from ..report import Report
-from . import silent
+from . import heights, silent
 from .several import add_tables
 from .watched import Watched
 
@@ -40,6 +40,8 @@ def measure(args) -> Report:
     add_tables(report, args)
     if not args.only or 'silent' in args.only:
         silent.add_table(report, args)
+    if not args.only or 'heights' in args.only:
+        heights.add_table(report, args)
     return report
 
 

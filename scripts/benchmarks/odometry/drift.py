@@ -21,7 +21,6 @@ from dbscan_reg_ros.robot.scan_buffer import RecordedScans
 
 from ..bounds import at_least, at_most
 from ..report import Report
-from . import honesty
 from .course import Course, noised, scatter
 from .courses import COURSES
 
@@ -185,14 +184,9 @@ def measure(args) -> Report:
     """Every course by every method, side by side."""
     if args.limit == 1:
         raise BenchmarkError('--limit 1: a drive of one scan has no motion; expected 2 or more')
-    folder = data_folder(args.data)
     report = Report()
     for name in args.course or COURSES:
-        courses = chosen(name, folder, args)
-        if args.honesty:
-            rows = honest(name, courses, args)
-            report.add_courses(f'{name}, prior {args.prior}', rows, OURS, dict.fromkeys(rows, honesty.BOUNDS))
-            continue
+        courses = chosen(name, args)
         rows, methods = {}, args.method or ((OURS,) if name in (*HARDER, 'scanners') else METHODS)
         if args.copies:
             report.add(f'{name}, {args.copies} copies', in_copies(courses, methods, args), {}, SHOWN,
@@ -211,22 +205,16 @@ def measure(args) -> Report:
     return report
 
 
-def chosen(name, folder, args) -> list:
-    """Return the courses of a name, of ``--seeds`` where they are simulated by seeds, and ``--limit`` scans of each."""
+def chosen(name, args, seeds=None) -> list:
+    """Return the courses of a name: of ``--seeds`` or `seeds` where it takes any, and ``--limit`` scans of each."""
     if name not in COURSES:
         raise BenchmarkError(f'unknown course {name!r}; expected {", ".join(COURSES)}')
-    seeded = args.seeds and 'seeds' in inspect.signature(COURSES[name]).parameters
-    courses = COURSES[name](folder, **{'seeds': range(args.seeds)} if seeded else {})
+    make, seeds = COURSES[name], args.seeds or seeds
+    if 'seeds' in inspect.signature(make).parameters:
+        courses = make(seeds=range(seeds)) if seeds else make()
+    else:
+        courses = make(data_folder(args.data))
     return [course if args.limit is None else course.take(slice(args.limit)) for course in courses]
-
-
-def honest(name, courses, args) -> dict:
-    """Return course and group -> the `honesty.figures` of its drives in one."""
-    rows: dict[str, list[dict]] = {}
-    for course in courses:
-        row = honesty.figures(drive(OURS, course, f'{name} {course.group}', args.prior))
-        rows.setdefault('_'.join(filter(None, (name, course.group))), []).append(row)
-    return {group: honesty.total(each) for group, each in rows.items()}
 
 
 def in_copies(courses, methods, args) -> dict:

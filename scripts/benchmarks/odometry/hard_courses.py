@@ -116,7 +116,8 @@ def sparse(folder) -> list:
 
 def narrow(folder=None, seeds=SEEDS) -> list:
     """25 s through furnished rooms, seen by depth cameras of 57 to 90 deg and 16 to 640 beams."""
-    return [_begun(rooms(seed), camera, NARROW_SECONDS, seed) for seed in seeds for camera in CAMERAS.values()]
+    return [dataclasses.replace(_begun(rooms(seed), camera, NARROW_SECONDS, seed), group=name)
+            for seed in seeds for name, camera in CAMERAS.items()]
 
 
 def _begun(world, lidar, seconds, seed, pauses=None):
@@ -159,7 +160,7 @@ def spinup(folder=None, seeds=SEEDS) -> list:
 
     The poor scans are not judged.
     """
-    return [_spun_up(*SPINUPS[name], seed) for seed in seeds for name in SPINUPS]
+    return [dataclasses.replace(_spun_up(*SPINUPS[name], seed), group=name) for seed in seeds for name in SPINUPS]
 
 
 def _spun_up(pause, returns, seed):
@@ -178,7 +179,8 @@ def _spun_up(pause, returns, seed):
 
 def covered(folder=None, seeds=SEEDS) -> list:
     """Return lidars under a box for 0.5 to 3 s, in furnished rooms; scans of the box are not judged."""
-    return [_covered(LIDARS[name], seconds, seed) for seed in seeds for name in COVERED_LIDARS for seconds in COVERED]
+    return [dataclasses.replace(_covered(LIDARS[name], seconds, seed), group=name)
+            for seed in seeds for name in COVERED_LIDARS for seconds in COVERED]
 
 
 def _covered(lidar, seconds, seed):
@@ -195,16 +197,17 @@ def _covered(lidar, seconds, seed):
 
 def spin(folder=None, seeds=SEEDS) -> list:
     """Return lidars that rotate in place in furnished rooms, steadily or not."""
-    return [_spun(LIDARS[name], motion, seed) for seed in seeds for name in SPIN_LIDARS for motion in SPINS.values()]
+    return [_spun(LIDARS[lidar], motion, seed, f'{lidar}_{name}')
+            for seed in seeds for lidar in SPIN_LIDARS for name, motion in SPINS.items()]
 
 
-def _spun(lidar, motion, seed):
+def _spun(lidar, motion, seed, group):
     world = rooms(seed)
     x, y, heading = follow(world.tour).poses_at(np.array([10.0]))[0]
     times = np.arange(0.0, SPIN_SECONDS + 0.5, 0.01)
     path = Path(times, np.column_stack((np.full(len(times), x), np.full(len(times), y), heading + motion(times))))
     result = simulate(world, path, lidar, seed)
-    return Course(result.scans, reference=result.truth)
+    return Course(result.scans, reference=result.truth, group=group)
 
 
 COURSES = {'covered': covered, 'spin': spin, 'sparse': sparse, 'narrow': narrow, 'passers': passers, 'spinup': spinup}

@@ -14,6 +14,9 @@ from dbscan_reg_ros.evaluation.metrics import errors, final_error, path_lengths
 from dbscan_reg_ros.recordings.poses import relative
 
 from ..bounds import Bound, at_least, at_most
+from ..report import Report
+from .courses import COURSES
+from .drift import OURS, chosen, drive
 
 SIGMAS, SILENT_SIGMAS = 3.0, 5.0
 SHORT, LONG = (0.5, 1.0, 2.0), (1.0, 5.0)
@@ -30,6 +33,19 @@ WITHIN = at_least(0.97)
 BOUNDS: dict[str, Bound] = {
     'silent_count': at_most(0), 'wrong_count': at_most(0), 'fast_count': at_most(0), 'steps_within': WITHIN,
     '1s_within': WITHIN, '5s_within': WITHIN}
+
+
+def measure(args) -> Report:
+    """Return a table for each course, with a row for each kind of drive."""
+    report = Report()
+    for name in args.course or COURSES:
+        groups: dict[str, list[dict]] = {}
+        for course in chosen(name, args):
+            row = figures(drive(OURS, course, f'{name} {course.group}', args.prior))
+            groups.setdefault('_'.join(filter(None, (name, course.group))), []).append(row)
+        rows = {group: total(each) for group, each in groups.items()}
+        report.add_courses(f'{name}, prior {args.prior}', rows, OURS, dict.fromkeys(rows, BOUNDS))
+    return report
 
 
 def figures(run) -> dict:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Silent failures: motions that the odometry calls OK and that are wrong, wherever the truth is known.
+"""The view ``silent`` of the odometry: motions that it calls OK and that are wrong, wherever the truth is known.
 
 Judged are the motion from each scan to the next, and that to the first scan a metre farther on, when every scan of it
 is called OK.
@@ -8,18 +8,15 @@ import numpy as np
 
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.evaluation.metrics import apart, errors
-from dbscan_reg_ros.recordings import data_folder
 from dbscan_reg_ros.recordings.poses import relative
 
 from ..bounds import at_most
 from ..report import Report
-from .courses import COURSES
-from .drift import OURS, drive
+from .drift import OURS, chosen, drive
 from .honesty import total
 
-JUDGED = ('intel', 'aces', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'lidars', 'losses', 'bursts',
-          'outages',
-          'trees', 'chairs')
+COURSES = ('intel', 'aces', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'lidars', 'losses', 'bursts',
+           'outages', 'trees', 'chairs')
 TRANSLATION, ROTATION = 0.2, 5.0
 """A motion is wrong when it is off by more than this [m], [deg]."""
 BOUNDS = {'step_silent_count': at_most(0), '1m_silent_count': at_most(0)}
@@ -27,10 +24,9 @@ BOUNDS = {'step_silent_count': at_most(0), '1m_silent_count': at_most(0)}
 
 def measure(args) -> Report:
     """Every course; ``--limit N`` drives the first N scans of each, ``--verbose`` names the failures."""
-    folder, report = data_folder(args.data), Report()
-    for name in JUDGED:
-        courses = [course if args.limit is None else course.take(slice(args.limit)) for course in COURSES[name](folder)]
-        found = [silent(drive(OURS, course, name)) for course in courses]
+    report = Report()
+    for name in args.course or COURSES:
+        found = [silent(drive(OURS, course, name)) for course in chosen(name, args)]
         report.add(name, {OURS: total([counts for counts, _ in found])}, BOUNDS, prefix=f'{name}_')
         if args.verbose:
             print('\n'.join(f'{name} {seed}: {line}' for seed, (_, lines) in enumerate(found) for line in lines))

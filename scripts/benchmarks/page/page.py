@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page of the Intel log in a headless browser: time to open, time of a frame, memory."""
+"""Pages in a headless browser: that of the Intel log (time to open, time of a frame, memory), and the live page.
+
+A page of a whole drive has to open about as fast as an empty one of its size, and to fit in a mail and in the memory of
+a small computer.
+"""
 import os
 import tempfile
 from contextlib import closing
@@ -15,6 +19,7 @@ from dbscan_reg_ros.robot.parameters import NodeParameters
 
 from ..bounds import at_most
 from ..report import Report
+from . import live
 from .browser import Browser, find_browser
 
 BOUNDS = {'file_mb': at_most(8.0), 'ratio_open': at_most(2.0), 'memory_mb': at_most(500.0)}
@@ -37,17 +42,24 @@ DRAG = """new Promise(done => {
 
 
 def measure(args):
-    """Return a `Report`."""
+    """Return the tables that `args` names, by default both."""
     if find_browser() is None:
         raise DbscanRegError('bench page: needs a chromium on the PATH')
-    with tempfile.TemporaryDirectory() as folder:
-        log = data_folder(args.data) / 'intel' / 'intel.log.gz'
-        replay_one(Job(log, Lidars(), NodeParameters(), Path(folder)))
-        page = Path(folder, 'intel', 'latest', 'report.html')
-        row = in_browser(page, Path(folder, 'blank.html'), Path(folder, 'profile'))
     report = Report()
-    report.add('page of the Intel log', {'dbscan': row}, BOUNDS)
+    if not args.only or 'report' in args.only:
+        _add_report(report, data_folder(args.data) / 'intel' / 'intel.log.gz')
+    if not args.only or 'live' in args.only:
+        live.add_table(report, args)
     return report
+
+
+def _add_report(report, log):
+    """Add the figures of the page of a `log` to a `Report`."""
+    with tempfile.TemporaryDirectory() as folder:
+        replay_one(Job(log, Lidars(), NodeParameters(), Path(folder)))
+        page = Path(folder, log.name.partition('.')[0], 'latest', 'report.html')
+        row = in_browser(page, Path(folder, 'blank.html'), Path(folder, 'profile'))
+    report.add('page of the Intel log', {'dbscan': row}, BOUNDS)
 
 
 def in_browser(page, blank, profile):

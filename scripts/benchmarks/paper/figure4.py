@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figure 4 of the paper: real scans and the same points moved, recovered to 1 mm and 0.001 rad."""
+"""Figure 4 of the paper: real scans and the same points moved, recovered to 1 mm and 0.001 rad.
+
+The paper shows one such scan. A method that has all points and no noise has no reason to miss one of them, so the bound
+is all of the 50 scans on which the open values of the paper's method were chosen.
+"""
 import numpy as np
 
 from dbscan_reg_ros.evaluation.figure4 import PAPER_MOTION, moved
@@ -7,7 +11,6 @@ from dbscan_reg_ros.evaluation.figure4 import PAPER_MOTION, moved
 from ..bounds import at_least
 from ..intel import Intel
 from ..registration.synthetic import MIN_RETURNS
-from ..report import Report
 from ..trials import Trial, failures, run, summarise, thinned
 
 SCANS = (
@@ -22,7 +25,7 @@ OTHERS = 200
 """Number of further scans, on which no parameter was chosen."""
 TRANSLATION_LIMIT = 0.001
 ROTATION_LIMIT = 0.001
-BOUNDS = {'figure4_exact': at_least(1.0)}
+BOUNDS = {'chosen_exact': at_least(1.0)}
 
 
 def draw(scans, count=len(SCANS), seed=0, without=()) -> list:
@@ -46,20 +49,16 @@ def exact(outcome) -> bool:
     return outcome.translation_error <= TRANSLATION_LIMIT and outcome.rotation_error <= ROTATION_LIMIT
 
 
-def measure(args):
-    """Return a `Report`: for the 50 scans and for others the fraction of exact results besides the usual one."""
-    from dbscan_reg_ros.evaluation.methods import chosen
-
+def add(report, methods, args):
+    """Add a table to a `Report`: the fraction of exact results for the 50 scans and for others, and the usual rates."""
     scans = Intel.below(args.data).scans
-    groups = {'figure4': SCANS, 'others': draw_others(scans)}
+    groups = {'chosen': SCANS, 'others': draw_others(scans)}
     trials = [trial(scans[i], str(i), group) for group, indices in groups.items() for i in thinned(indices, args.limit)]
     rows = {}
-    for name, outcomes in run(chosen(args.method), trials, args.benchmark).items():
+    for name, outcomes in run(methods, trials, 'figure 4').items():
         shares = {f'{group}_exact': float(np.mean([exact(o) for o in outcomes if o.trial.group == group]))
                   for group in groups}
         rows[name] = shares | summarise(outcomes)
         if args.verbose:
             print(f'{name}\n{failures(outcomes)}\n')
-    report = Report()
-    report.add(args.benchmark, rows, BOUNDS)
-    return report
+    report.add('figure 4', rows, BOUNDS, prefix='figure4_')

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The live page: time from a scan to the page, and what the node's latency becomes while it is watched."""
+"""The live page: time from a scan to the page, and what the node's latency becomes while it is watched.
+
+A page on another computer only reads what is sent anyway, so the latency of the node may change by at most 5 %.
+"""
 import os
 import socket
 import threading
@@ -12,9 +15,8 @@ import numpy as np
 from dbscan_reg_ros.core.errors import DbscanRegError
 
 from ..bounds import Bound
-from ..page.browser import Browser, find_browser
-from ..report import Report
-from .running_node import PATIENCE, WARM_UP, graph, make_scans, memory_mb, running_node
+from ..node.running_node import PATIENCE, WARM_UP, graph, make_scans, memory_mb, running_node
+from .browser import Browser
 
 TURNS = 5
 CLOSED = 'no browser is connected'
@@ -31,14 +33,10 @@ ARRIVALS = """(() => {
 """Notes when each scan is drawn."""
 
 
-def measure(args):
-    """Return a `Report`; ``--limit N`` plays N scans each time."""
-    if find_browser() is None:
-        raise DbscanRegError('bench watch: needs a chromium on the PATH')
-    report = Report()
+def add_table(report, args):
+    """Add the figures to a `Report`; ``--limit N`` plays N scans each time."""
     report.add('live page, node with 181 beams at 25 Hz', {'dbscan': alternate(args.limit or round(SECONDS * RATE))},
-               BOUNDS)
-    return report
+               BOUNDS, prefix='live_')
 
 
 def alternate(count) -> dict:
@@ -115,5 +113,5 @@ def _until(condition):
     deadline = time.monotonic() + PATIENCE
     while not condition():
         if time.monotonic() > deadline:
-            raise DbscanRegError('bench watch: the page does not notice that the browser has gone')
+            raise DbscanRegError('bench page: the live page does not notice that the browser has gone')
         time.sleep(0.05)
