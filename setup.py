@@ -32,6 +32,10 @@ SOURCES = sorted(path for suffix in ('pyx', 'pxd') for path in CORE.rglob(f'*.{s
 MODULES = [path.with_suffix('') for path in SOURCES if path.suffix == '.pyx']
 SOURCE_HASH = CORE / 'sources'
 CYTHON = importlib.util.find_spec('Cython') is not None
+FLAGS = ['-O2', '-ftree-vectorize', '-ffp-contract=off', '-fcx-fortran-rules', '-fno-math-errno', '-fno-trapping-math',
+         '-g0']
+SHARED = CORE / 'shared'
+"""Module with what Cython else repeats in each of the others, half of what is compiled."""
 
 
 def extensions():
@@ -41,8 +45,7 @@ def extensions():
     return [Extension('.'.join(module.parts), [f'{module}.pyx'],
                       depends=list(map(str, SOURCES)) if module == SOURCE_HASH else included,
                       define_macros=[('DBSCAN_REG_SOURCE_HASH', f'"{digest}"')] if module == SOURCE_HASH else [],
-                      extra_compile_args=['-O2', '-ftree-vectorize', '-ffp-contract=off', '-fcx-fortran-rules',
-                                          '-fno-math-errno', '-fno-trapping-math', '-g0'])
+                      extra_compile_args=FLAGS)
             for module in MODULES]
 
 
@@ -54,6 +57,15 @@ class BuildExtensions(build_ext):
         super().initialize_options()
         self.cython_c_in_temp = True
         self.parallel = True
+
+    def finalize_options(self):
+        """Add the module that the others share, which Cython 3.2 and newer make."""
+        name = '.'.join(SHARED.parts)
+        if hasattr(self, 'shared_utility_qualified_name'):
+            self.shared_utility_qualified_name = name
+            if name not in [each.name for each in self.distribution.ext_modules]:
+                self.distribution.ext_modules.append(Extension(name, [f'{SHARED}.c'], extra_compile_args=FLAGS))
+        super().finalize_options()
 
     def run(self):
         """Build; end with one line that says what is missing."""

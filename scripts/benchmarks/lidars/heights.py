@@ -82,7 +82,7 @@ def judged(pair, limit=None) -> dict:
 
 def _error(course, run) -> float:
     """Mean error over 5 m [m]."""
-    return evaluate(run.poses, course.stamps, None, course.reference)['rpe_5m_mean_m']
+    return evaluate(run.poses, course.stamps, None, course.reference).get('rpe_5m_mean_m', math.nan)
 
 
 def _summary(found) -> dict:
