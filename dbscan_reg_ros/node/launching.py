@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from ..core.errors import DbscanRegError, ParameterError
 from ..core.parameters.features import DIRECTIONS
 from ..paths import NO_SENSORS
-from ..robot.parameter_groups import SOURCES
+from ..robot.parameter_groups import MAP_MODES, SOURCES
 from ..robot.parameters import MOUNTINGS, NodeParameters
 
 if TYPE_CHECKING:
@@ -27,16 +27,19 @@ if TYPE_CHECKING:
 PACKAGE = 'dbscan_reg_ros'
 SHOWN = 'odom', 'segments', 'path', 'local_map'
 """Topics of the node that config/scan_matcher.rviz displays."""
-PARAMETERS = {'base_frame': 'base_frame', 'direction': 'scan.direction', 'mounting': 'mounting',
-              'odom_frame': 'odom_frame', 'prior': 'prior.source', 'publish_tf': 'publish_tf',
+PARAMETERS = {'base_frame': 'base_frame', 'direction': 'scan.direction', 'map': 'map.file', 'map_mode': 'map.mode',
+              'mounting': 'mounting', 'odom_frame': 'odom_frame', 'prior': 'prior.source', 'publish_tf': 'publish_tf',
               'use_sim_time': 'use_sim_time'}
 """Launch argument -> parameter that it sets when it is not empty."""
 SWITCHES = 'publish_tf', 'use_sim_time'
 """Launch arguments of boolean parameters."""
 
 
-def scan_matcher_arguments() -> list[Any]:
-    """Declare the launch arguments of `scan_matcher_actions`; an empty argument sets no parameter."""
+def scan_matcher_arguments(map_mode: str = '') -> list[Any]:
+    """Declare the launch arguments of `scan_matcher_actions`; an empty argument sets no parameter.
+
+    `map_mode` is the default of the argument of this name.
+    """
     from launch.actions import DeclareLaunchArgument
 
     def argument(name: str, description: str, default: str = '', *,
@@ -58,6 +61,8 @@ def scan_matcher_arguments() -> list[Any]:
                  choices=DIRECTIONS),
         argument('mounting', 'source of the pose of the laser on the base', choices=MOUNTINGS),
         argument('prior', 'prior.source: external source of the motion since the last scan', choices=SOURCES),
+        argument('map_mode', 'map.mode: localize in a map, or slam, which builds one', map_mode, choices=MAP_MODES),
+        argument('map', 'map.file: the map (.npz or .yaml) of localize, or the file that ~/save_map writes'),
         argument('use_sim_time', 'true: take the time from /clock'),
         argument('lifecycle', 'true: start the lifecycle node, scan_matcher_lifecycle', 'false'),
         argument('autostart', 'true: configure and activate the lifecycle node', 'true'),

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Collection
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 from geometry_msgs.msg import TransformStamped
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
@@ -32,6 +33,9 @@ from .monitoring.diagnostics import PERIOD, Diagnostics
 from .priors import Priors
 from .throttled_log import ThrottledLog
 
+if TYPE_CHECKING:
+    from .map.robot_in_map import RobotInMap
+
 MOST_FRAMES = 8
 """Largest number of lidars on one topic."""
 
@@ -51,7 +55,8 @@ class NodeCore:
     Raises
     ------
     ParameterError
-        When a parameter needs a package that is not installed, or sets an invalid quality of service.
+        When a parameter needs a package that is not installed, sets an invalid quality of service, or names a map that
+        cannot be read.
     """
 
     def __init__(self, node: Node, live: LiveParameters) -> None:
@@ -65,8 +70,8 @@ class NodeCore:
         self._sender = TransformSender(node, parameters)
         self._listener = TransformListener(
             node, self._on_transform,
-            any(lidar.mounting == 'tf' for lidar in lidars) or parameters.prior.source == 'tf', self._has_pending,
-            self._sender
+            any(lidar.mounting == 'tf' for lidar in lidars) or parameters.prior.source == 'tf'
+            or parameters.map.mode != 'none', self._has_pending, self._sender
         ) if transform_type() else None
         self._priors = Priors(node, parameters, self._listener, self._log, self._retry_pending)
         self._lidars = [Lidar(lidar.topic, len(lidars) > 1, node,
@@ -75,9 +80,11 @@ class NodeCore:
         self._callbacks = Callbacks(self._patience, self._on_scan, self._retry_others, self._lidar_of, ScanBuffer())
         self._trigger = OdometryTrigger(len(lidars), parameters.odom_on == 'all')
         self._outputs = Outputs(node, parameters)
+        self._in_map = self._make_in_map(parameters)
         self._services = Services(node, parameters, self._log, self._reset)
         self._diagnostics = Diagnostics(node, self._lidars, self._priors, self._log, self._sender,
-                                        self._outputs.odom, lambda: self._services.paused)
+                                        self._outputs.odom, lambda: self._services.paused,
+                                        self._in_map.diagnosis if self._in_map else None)
         self._jumps = node.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True),
             post_callback=self._on_time_jump)
@@ -87,6 +94,13 @@ class NodeCore:
         self._last: tuple[Lidar, ScanMessage, BaseState] | None = None
         self._reconfigure(parameters)
         live.changed = self._reconfigure
+
+    def _make_in_map(self, parameters: NodeParameters) -> 'RobotInMap | None':
+        """Make what localises or maps; without it nothing of that is imported."""
+        if parameters.map.mode == 'none':
+            return None
+        from .map.robot_in_map import RobotInMap
+        return RobotInMap(self._node, parameters, self._log, self._listener, self._sender)
 
     def activate(self) -> None:
         """Subscribe to the scans of all lidars; raise a ParameterError if a QoS parameter is invalid."""
@@ -105,13 +119,16 @@ class NodeCore:
         """Destroy the publishers, subscriptions, services and timers created on the node, but keep its parameters."""
         self._live.changed = None
         self._jumps.unregister()
+        if self._in_map:
+            self._in_map.close()
         self._entities.destroy()
 
     def _reconfigure(self, parameters: NodeParameters, names: Collection[str] = ()) -> None:
         """Apply `parameters`; `names` are the parameters that were just set, even to their old values."""
         self._odometry.parameters = parameters.for_odometry()
-        for part in (self._priors, self._outputs, self._services):
-            part.parameters = parameters
+        for part in (self._priors, self._outputs, self._services, self._in_map):
+            if part:
+                part.parameters = parameters
         if 'input.time_offset' in names:
             self._odometry.comparisons.lidars.clear()
         for lidar in self._lidars:
@@ -215,6 +232,8 @@ class NodeCore:
             self._outputs.publish(update, state, self._origin)
         else:
             self._outputs.keep(update)
+        if self._in_map:
+            self._in_map.process(update, state, self._origin, followed.aligned_pose)
         self._last = lidar, message, state
         lidar.counters.compared = self._odometry.comparisons.lidars.get(lidar.sensor_name)
         lidar.counters.mounting = mounting
@@ -251,6 +270,8 @@ class NodeCore:
         self._outputs.reset()
         for part in (self._priors, self._trigger, self._sender):
             part.restart()
+        if self._in_map:
+            self._in_map.restart()
         for lidar in self._lidars:
             lidar.stamps.restart()
             lidar.counters.body.restart()
@@ -262,6 +283,8 @@ class NodeCore:
         self._sender.on_timer()
         self._outputs.publish_pictures()
         self._outputs.publish_grid()
+        if self._in_map:
+            self._in_map.on_timer()
         adopted = [lidar.adopt_type() for lidar in self._lidars]
         if any(adopted):
             self._diagnostics.restart()
@@ -283,6 +306,8 @@ class NodeCore:
 
     def _on_transform(self, transform: TransformStamped, topic: str) -> None:
         self._sender.on_transform(transform, topic)
+        if self._in_map:
+            self._in_map.on_transform(transform)
         self._retry_pending()
 
     def _on_time_jump(self, jump: TimeJump) -> None:

@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
 
 from ..core.errors import ParameterError
-from ..core.geometry.mounting import Mounting, MountingError
+from ..core.geometry.mounting import Mounting
 from ..core.geometry.se2 import SE2
 from ..core.registration.records import Prior
 from ..core.scan import in_nanoseconds
@@ -19,7 +19,6 @@ from ..robot.external_prior import measured_prior, sensor_prior
 from ..robot.parameter_groups import NodePriorParameters
 from ..robot.parameters import NodeParameters
 from ..robot.pose_history import HeadingHistory, PoseHistory
-from .errors import NoTransformError
 from .frames.transforms import TransformListener
 from .interfaces.endpoints import subscription
 from .interfaces.messages import PoseError, planar_from_message
@@ -262,8 +261,4 @@ class _OdometryFrame:
         return measured_prior(base_start.inverse() @ base_end, parameters)
 
     def _pose(self, frame: str, stamp: int) -> SE2 | None:
-        try:
-            matrix, known = self._transforms.lookup(self._frame, frame, stamp)
-            return Mounting.from_matrix(matrix).pose if known else None
-        except (NoTransformError, MountingError):
-            return None
+        return self._transforms.planar(self._frame, frame, stamp)

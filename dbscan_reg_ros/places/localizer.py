@@ -41,6 +41,8 @@ DOUBTED = 4
 """Number of the latest scans whose evidence is weighed against `SURE` once the robot is localised."""
 MOST_ALIKE = 1000
 """Number of views and headings, the most similar first, among which the candidates differ."""
+DRAWN = 200
+"""Number of poses that are drawn from the covariance of a pose that is given."""
 LOST = np.diag((10.0, 10.0, math.pi)) ** 2
 """Covariance [m, m, rad] of the pose once it is no longer known."""
 DRIFT = np.diag((0.01, 0.01, 0.002)) ** 2
@@ -115,9 +117,36 @@ class Localizer:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the pose: the next scan begins a new search."""
+        """Forget the pose: the next scan begins a new search, as in a new odometry."""
         self._transform: NDArray[np.float64] | None = None
         self._forget()
+
+    def search(self) -> None:
+        """Search the whole map from the next scan on; until the robot is found, the last `transform` is kept."""
+        self._forget()
+
+    def set_pose(self, pose: SE2, covariance: NDArray[np.float64], update: OdometryUpdate) -> None:
+        """Take over a pose in the map, until the scans contradict it.
+
+        Parameters
+        ----------
+        pose : SE2
+            Of the first sensor in the map.
+        covariance : (3, 3) float
+            Of `pose`, for (x, y, theta) in the map [m, m, rad].
+        update : OdometryUpdate
+            The update at which the sensor is there.
+        """
+        self._forget()
+        back = update.pose.inverse()
+        self._state, self._transform = State.LOCALISED, (pose @ back).as_array()
+        self._hypotheses, self._probabilities, self._elsewhere = self._transform[None], np.ones(1), 0.0
+        self._used, self._odometry_covariance = update.pose.as_array(), update.covariance
+        self._covariance, self._middle = covariance, self._used[:2]
+        normal = np.random.default_rng(0).standard_normal((DRAWN, DOF))
+        values, axes = np.linalg.eigh(covariance)
+        drawn = pose.as_array() + np.vstack((np.zeros(DOF), normal * np.sqrt(np.maximum(values, 0.0)) @ axes.T))
+        self._given = compose(drawn, np.repeat(back.as_array()[None], len(drawn), axis=0))
 
     def process(self, update: OdometryUpdate) -> Localization:
         """Use the next scan of the odometry.
@@ -154,6 +183,8 @@ class Localizer:
         self._hypotheses = np.empty((0, DOF))
         self._probabilities, self._elsewhere, self._searched = np.empty(0), 1.0, 0
         self._state = State.SEARCHING
+        # Where a pose that was given may be: of the odometry frame in the map; none once the scans confirm it.
+        self._given = np.empty((0, DOF))
 
     def _moved(self, pose: NDArray[np.float64]) -> bool:
         """Whether the robot has moved since the last scan that was used."""
@@ -193,18 +224,46 @@ class Localizer:
         assert self._transform is not None
         self._stops = self._stops[-TRACKED:]
         drive = Drive.of(self._stops)
+        if len(self._given):
+            self._confirm(drive)
+            return
         aligned = self._matcher.align(self._transform[None], drive)
         recent = Drive.of(self._stops[-DOUBTED:])
         self._transform, self._hypotheses = aligned.poses[0], aligned.poses
         if log_odds(self._matcher.count(aligned.poses, recent))[0] < -SURE:
-            latest = self._stops[-1]
-            self._forget()
-            self._stops = [latest]
+            self._doubt()
             return
         # Each scan is aligned several times, and counts once.
         moved = _carried(self._covariance, self._transform, aligned.middle - self._middle) + DRIFT
         self._middle = aligned.middle
         self._covariance = np.linalg.inv(np.linalg.inv(moved) + aligned.information[0] / (INDEPENDENT * TRACKED))
+
+    def _doubt(self) -> None:
+        """Search again, from the latest scan on."""
+        latest = self._stops[-1]
+        self._forget()
+        self._stops = [latest]
+
+    def _confirm(self, drive: Drive) -> None:
+        """Correct a given pose once the scans suit one place within its covariance, and search if they suit none."""
+        aligned = self._matcher.align(self._given, drive, FROM_AFAR)
+        odds = log_odds(self._matcher.count(aligned.poses, drive))
+        at, given = (compose(poses, np.repeat(self._used[None], len(poses), axis=0))
+                     for poses in (aligned.poses, self._given[:1]))
+        off = at - given
+        off[:, 2] = wrap(off[:, 2])
+        assert self._transform is not None
+        spread = _carried(self._covariance, self._transform, self._used[:2] - self._middle) + OF_MAP
+        chi2 = np.einsum('hi,hi->h', off, np.linalg.solve(spread, off.T).T)
+        posterior = odds - 0.5 * chi2
+        best = _distinct(at, -posterior, SAME, SAME_TURN, KEPT)
+        share = np.exp(posterior[best] - posterior[best[0]])
+        if odds.max() < -SURE:
+            self._doubt()
+        elif share[0] / share.sum() >= CERTAIN and odds[best[0]] > 0.0:
+            self._transform, self._hypotheses = aligned.poses[best[0]], aligned.poses[best[:1]]
+            self._covariance = np.linalg.inv(aligned.information[best[0]] / INDEPENDENT + np.eye(DOF))
+            self._middle, self._given = aligned.middle, self._given[:0]
 
     def _report(self, update: OdometryUpdate) -> Localization:
         """Return what is known at the pose of an update."""

@@ -79,6 +79,11 @@ def pose_fields(pose) -> dict:
     return {'position': {'x': x, 'y': y}, 'orientation': _yaw(theta)}
 
 
+def pose_with_covariance_fields(pose, covariance) -> dict:
+    """Return the fields of a PoseWithCovariance message of a planar `pose` and its `covariance` (3, 3)."""
+    return {'pose': pose_fields(pose), 'covariance': _spatial(covariance)}
+
+
 def scan_fields(scan) -> dict:
     """Return the fields of a LaserScan message for a `Scan`.
 
@@ -105,7 +110,7 @@ def odometry_fields(state, odom_frame, base_frame) -> dict:
     """Return the fields of an Odometry message: pose (in `odom_frame`) and twist (in `base_frame`) of a `BaseState`."""
     vx, vy, omega = (float(value) for value in state.twist)
     return {'header': header_fields(state.stamp, odom_frame), 'child_frame_id': base_frame,
-            'pose': {'pose': pose_fields(state.pose.as_array()), 'covariance': _spatial(state.covariance)},
+            'pose': pose_with_covariance_fields(state.pose.as_array(), state.covariance),
             'twist': {'twist': {'linear': {'x': vx, 'y': vy}, 'angular': {'z': omega}},
                       'covariance': _spatial(state.twist_covariance)}}
 

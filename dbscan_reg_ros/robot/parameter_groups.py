@@ -11,6 +11,7 @@ from ..core.parameters.schema import ParameterGroup, parameter
 
 SOURCES = ('none', 'constant_velocity', 'odometry', 'imu', 'tf')
 SECTORS = 4
+MAP_MODES = ('none', 'localize', 'slam')
 LASER_SCAN, POINT_CLOUD = 'sensor_msgs/LaserScan', 'sensor_msgs/PointCloud2'
 
 
@@ -161,3 +162,26 @@ class SnapshotParameters(ParameterGroup):
     folder: str = parameter(
         '~/.ros', read_only=True, case='robot whose home directory is read-only',
         help='Folder that snapshots are written to. A leading ~ means the home directory.')
+
+
+@dataclass(frozen=True)
+class MapParameters(ParameterGroup):
+    """Pose of the robot in a map."""
+
+    mode: str = parameter(
+        'none', bounds=MAP_MODES, read_only=True,
+        help='What is done with a map: none (odometry only), localize (the pose in a known map is found without a '
+             'guess, and followed) or slam (a map is built while the robot drives, and its loops are closed).')
+    file: str = parameter(
+        '',
+        help='With map.mode localize, file of the map, which is read at the start: of replay --map-out or of '
+             '~/save_map (.npz), or the map.yaml of an occupancy grid; empty: the topic map. With slam, file that '
+             '~/save_map writes. A leading ~ means the home directory.')
+    frame: str = parameter(
+        'map', read_only=True,
+        help='Frame of the map. With map.mode localize or slam the transform from it to odom_frame is sent on /tf.')
+    transform_tolerance: float = parameter(
+        0.5, unit='s', bounds=(0.0, 10.0),
+        help='Time by which the transform from map.frame to odom_frame is dated ahead, so that it is known at the time '
+             'of the latest scan and until the next one. Larger values tolerate rarer scans; smaller values apply a '
+             'correction of the pose sooner.')

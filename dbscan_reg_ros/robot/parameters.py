@@ -11,6 +11,7 @@ from ..core.parameters.tree import Parameters
 from .parameter_groups import (
     SECTORS,
     InputParameters,
+    MapParameters,
     NodePriorParameters,
     PathParameters,
     SnapshotParameters,
@@ -89,6 +90,7 @@ class NodeParameters(Parameters):
         False, read_only=True, help='If true, the laser is mounted upside down. Used only if mounting is laser_pose.')
     input: InputParameters = dataclasses.field(default_factory=InputParameters)
     prior: NodePriorParameters = dataclasses.field(default_factory=NodePriorParameters)
+    map: MapParameters = dataclasses.field(default_factory=MapParameters)
     path: PathParameters = dataclasses.field(default_factory=PathParameters)
     snapshot: SnapshotParameters = dataclasses.field(default_factory=SnapshotParameters)
     own: tuple[tuple[str, Value], ...] = internal(())
@@ -96,11 +98,13 @@ class NodeParameters(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name, frame in (('odom_frame', self.odom_frame), ('base_frame', self.base_frame),
-                            ('prior.frame', self.prior.frame)):
+                            ('prior.frame', self.prior.frame), ('map.frame', self.map.frame)):
             if not frame or frame.startswith('/'):
                 raise ParameterError(f'{name} = {frame!r}: expected the name of a frame, without a leading slash')
         if self.odom_frame == self.base_frame:
             raise ParameterError(f'odom_frame = base_frame = {self.base_frame!r}: expected two different frames')
+        if self.map.mode != 'none':
+            self._check_map()
         count = len(self.scan_topics)
         if self.sensors != NAMELESS:
             self._use_sensors()
@@ -117,6 +121,14 @@ class NodeParameters(Parameters):
         if self.prior.source == 'tf' and self.prior.frame in (self.odom_frame, self.base_frame):
             raise ParameterError(f'prior.frame = {self.prior.frame!r}: expected an odometry frame of another node, '
                                  'neither odom_frame nor base_frame')
+
+    def _check_map(self) -> None:
+        """Raise a ParameterError if there can be no transform from the frame of the map to ``odom_frame``."""
+        if self.map.frame in (self.odom_frame, self.base_frame):
+            raise ParameterError(f'map.frame = {self.map.frame!r}: expected neither odom_frame nor base_frame')
+        if self.invert_tf:
+            raise ParameterError(f'map.mode = {self.map.mode!r} with invert_tf = True: expected invert_tf False, as '
+                                 'odom_frame has map.frame as its parent')
 
     def _use_sensors(self) -> None:
         """Set ``scan_topics`` to the topics of the ``sensors``; raise a ParameterError if parameters contradict it."""

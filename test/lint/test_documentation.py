@@ -69,7 +69,7 @@ def test_parameters_that_are_named_exist(root, name):
     groups = {group for parameter in known for group in parameter.split('.')[:-1]}
     headings = {parameter.rpartition('.')[0] for parameter in known}
     named = set(re.findall(r'`([a-z_]+(?:\.[a-z_]+)+)(?::[^`]*)?`', (root / name).read_text()))
-    files = '.py', '.pyx', '.pxd', '.md'
+    files = '.py', '.pyx', '.pxd', '.md', '.yaml', '.npz', '.pgm'
     named = {name for name in named if name.split('.')[0] in groups and not name.endswith(files)}
     assert named <= known | headings
 

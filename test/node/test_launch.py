@@ -29,18 +29,19 @@ from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.core.errors import ParameterError
 from dbscan_reg_ros.core.parameters.features import DIRECTIONS
 from dbscan_reg_ros.node.playback.player import Player
-from dbscan_reg_ros.robot.parameter_groups import SOURCES
+from dbscan_reg_ros.robot.parameter_groups import MAP_MODES, SOURCES
 from dbscan_reg_ros.robot.parameters import MOUNTINGS
 
-FILES = 'scan_matcher', 'play'
+FILES = 'scan_matcher', 'play', 'localization'
 SENSORS = ['hokuyo_urg04lx', 'hokuyo_utm30lx', 'ldrobot_ld19', 'ldrobot_stl27l', 'lds', 'lds_01', 'lds_03',
            'omron_os32c', 'oradar_ms200', 'rplidar_a', 'rplidar_c1', 'rplidar_s', 'sick_lms5xx', 'sick_tim',
            'ydlidar_g', 'ydlidar_g6', 'ydlidar_tg', 'ydlidar_x2', 'ydlidar_x4']
 TRANSFORMS = [('/tf', 'tf'), ('/tf_static', 'tf_static')]
 COMMON = {'namespace': '', 'remap_tf': 'true', 'scan_topic': '', 'sensor': '', 'params_file': '', 'odom_frame': '',
-          'base_frame': '', 'direction': '', 'publish_tf': '', 'mounting': '', 'prior': '', 'use_sim_time': '',
-          'lifecycle': 'false', 'autostart': 'true', 'rviz': 'false', 'log_level': ''}
-ARGUMENTS = {'scan_matcher': COMMON, 'play': COMMON | {'recording': None, 'rate': '1.0', 'topics': ''}}
+          'base_frame': '', 'direction': '', 'publish_tf': '', 'mounting': '', 'prior': '', 'map_mode': '', 'map': '',
+          'use_sim_time': '', 'lifecycle': 'false', 'autostart': 'true', 'rviz': 'false', 'log_level': ''}
+ARGUMENTS = {'scan_matcher': COMMON, 'play': COMMON | {'recording': None, 'rate': '1.0', 'topics': ''},
+             'localization': COMMON | {'map_mode': 'localize'}}
 
 
 @pytest.fixture
@@ -137,7 +138,7 @@ def test_the_arguments_are_declared_with_their_defaults_and_described(descriptio
     assert all(len(a.description) > 10 for a in declared)
     choices = {a.name: a.choices for a in declared if a.choices}
     assert choices == {'sensor': ['', *SENSORS], 'mounting': ['', *MOUNTINGS], 'prior': ['', *SOURCES],
-                       'direction': ['', *DIRECTIONS]}
+                       'direction': ['', *DIRECTIONS], 'map_mode': ['', *MAP_MODES]}
 
 
 @pytest.mark.parametrize('name', FILES)
@@ -163,11 +164,18 @@ def test_without_arguments_the_node_is_as_it_is_without_launch(launched):
     ('mounting', 'laser_pose', 'mounting', 'laser_pose'),
     ('prior', 'imu', 'prior.source', 'imu'),
     ('direction', 'clockwise', 'scan.direction', 'clockwise'),
+    ('map_mode', 'slam', 'map.mode', 'slam'),
+    ('map', '~/floor.npz', 'map.file', '~/floor.npz'),
 ])
 def test_an_argument_sets_its_parameter_and_no_other(matcher, argument, value, parameter, expected):
     found = matcher(**{argument: value})
     assert len(found.files) == 1
     assert values(found) == {parameter: expected}
+
+
+def test_the_robot_is_localised_in_the_map_that_is_named(launched):
+    [node] = launched('localization', map='floor.yaml', base_frame='base')
+    assert values(rules(node)) == {'map.mode': 'localize', 'map.file': 'floor.yaml', 'base_frame': 'base'}
 
 
 @pytest.mark.parametrize('argument, value, complaint', [

@@ -66,6 +66,10 @@ class TransformSender:
 
     Attributes
     ----------
+    active : bool
+        Whether our transform is sent while no other node sends one.
+    publisher : rclpy publisher or None
+        Our publisher on /tf, which also sends the transform from the frame of the map; None if nothing is sent.
     subscribe_static : callable
         Function that subscribes to /tf_static again, so that every latched transform is received again.
     """
@@ -80,7 +84,8 @@ class TransformSender:
         transform = TransformStamped(child_frame_id=self._child)
         transform.header.frame_id = self._parent
         self._message = self._type and PreparedMessage(self._type(transforms=[transform]), NUMBERS, COUNT)
-        self._publisher: Publisher | None = None
+        self.publisher: Publisher | None = None
+        self.active = False
         self._own_gid: bytes | None = None
         self._conflict: _Conflict | None = None
         self._start: float | None = None
@@ -101,13 +106,8 @@ class TransformSender:
                 f'{self._parent!r}, is not sent {until}, or publish_tf is set to true; stop the other node, or set '
                 'publish_tf to false or invert_tf to true')
 
-    @property
-    def has_publisher(self) -> bool:
-        """Whether this node has a publisher on /tf."""
-        return self._publisher is not None
-
     def reconfigure(self, parameters: NodeParameters, insist: bool) -> None:
-        """Create or destroy the publisher on /tf according to the parameter ``publish_tf``.
+        """Create or destroy the publisher on /tf according to the parameters ``publish_tf`` and ``map.mode``.
 
         With `insist` the next transform is sent, unless one of another node is received before.
 
@@ -120,18 +120,22 @@ class TransformSender:
                                                 'install it, or set publish_tf to false')
                 self._warned = True
             return
-        if parameters.publish_tf and self._publisher is None:
+        self.active = parameters.publish_tf
+        needed = self.active or parameters.map.mode != 'none'
+        if needed and self.publisher is None:
             self._create_publisher()
-        elif self._publisher and not parameters.publish_tf:
-            self._node.destroy_publisher(self._publisher)
-            self._publisher = self._own_gid = self._conflict = None
-        if insist and self._publisher:
+        elif self.publisher and not needed:
+            self._node.destroy_publisher(self.publisher)
+            self.publisher = self._own_gid = None
+        if not self.active:
+            self._conflict = None
+        elif insist:
             self._start, self._conflict = -math.inf, None
             self.subscribe_static()
 
     def _create_publisher(self) -> None:
         before = publishers(self._node, '/tf')
-        self._publisher, self._start = publisher(self._node, self._type, '/tf', DEPTH), None
+        self.publisher, self._start = publisher(self._node, self._type, '/tf', DEPTH), None
         name = self._node.get_fully_qualified_name()
         self._own_gid = next((gid for gid, endpoint in publishers(self._node, '/tf').items()
                               if gid not in before and full_name(endpoint) == name), None)
@@ -146,7 +150,7 @@ class TransformSender:
         TF ignores transforms that go back in time. If the stamp is more than ``time.max_jump`` before the last one, the
         last stamp was wrong, and the transform is sent.
         """
-        if self._publisher is None or self._conflict:
+        if self.publisher is None or not self.active or self._conflict:
             return
         if self._start is None:
             self._start = time.monotonic() + self._precedence()
@@ -160,7 +164,7 @@ class TransformSender:
         self._sent[signature] = None
         if len(self._sent) > REMEMBERED:
             del self._sent[next(iter(self._sent))]
-        self._message.publish(self._publisher, state.stamp, numbers)
+        self._message.publish(self.publisher, state.stamp, numbers)
 
     def _precedence(self) -> float:
         """Time [s] that a node of this package with a lower gid on /tf is given to start; 0 without such a node."""
@@ -170,7 +174,7 @@ class TransformSender:
 
     def on_transform(self, transform: TransformStamped, topic: str) -> None:
         """Be silent from now on when a transform of another node to our child frame was received."""
-        if transform.child_frame_id != self._child or self._publisher is None:
+        if transform.child_frame_id != self._child or not self.active:
             return
         signature = _signature(transform)
         if topic == '/tf' and signature in self._sent:

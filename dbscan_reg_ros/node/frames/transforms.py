@@ -11,6 +11,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 
+from ...core.geometry.mounting import Mounting, MountingError
+from ...core.geometry.se2 import SE2
 from ..errors import NoTransformError
 from ..interfaces.graph_checks import publishers
 from ..rclpy_internals import NO_SUBSCRIPTION_EVENTS, WakingCallbackGroup, taken
@@ -93,6 +95,14 @@ class TransformListener:
         except NoTransformError:
             raise NoTransformError(describe_missing(self._node, target, source, self._store.parents)) from None
 
+    def planar(self, target: str, source: str, stamp: int) -> SE2 | None:
+        """Return the pose of the frame `source` in `target` at `stamp` [ns] exactly; None if it is not known then."""
+        try:
+            matrix, known = self.lookup(target, source, stamp)
+            return Mounting.from_matrix(matrix).pose if known else None
+        except (NoTransformError, MountingError):
+            return None
+
     def restart(self) -> None:
         """Remove the transforms that were received on /tf, because time has gone back."""
         self.poll()
@@ -106,7 +116,7 @@ class TransformListener:
                 self._on_moving(message)
         if self._store:
             return
-        useful = self._sender.has_publisher and self._has_other_publisher()
+        useful = self._sender.active and self._has_other_publisher()
         if useful and not self._moving:
             self._moving = self._subscription()
         elif self._moving and not useful:

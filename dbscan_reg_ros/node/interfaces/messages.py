@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Pose, Transform
+from geometry_msgs.msg import Pose, PoseWithCovarianceStamped, Transform
 from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
@@ -16,8 +16,9 @@ from visualization_msgs.msg import MarkerArray
 from ...core.geometry.se2 import SE2
 from ...core.odometry.records import OdometryUpdate
 from ...core.scan import SECOND, Scan
-from ...recordings.message_fields import filled, pose_fields, scan_fields, segments_fields, time_fields
+from ...recordings.message_fields import PLANE, filled, pose_fields, scan_fields, segments_fields, time_fields
 from ...recordings.poses import PoseError, planar, unit_quaternion
+from ...robot.base_state import InitialPose
 
 Array = NDArray[np.float64]
 
@@ -25,6 +26,9 @@ STAMP = struct.Struct('=iI')
 """Time message."""
 ENCAPSULATION = 4
 """Bytes of a serialised message before its first field."""
+ROUNDING = 1e-9
+"""A negative eigenvalue of a covariance counts as zero if its absolute value is at most this
+fraction of the largest element."""
 
 
 def scan_to_message(scan: Scan) -> LaserScan:
@@ -85,6 +89,25 @@ def planar_from_message(pose: Pose) -> SE2:
     """
     p, q = pose.position, pose.orientation
     return SE2(*planar(p.x, p.y, (q.x, q.y, q.z, q.w)))
+
+
+def initial_pose(message: PoseWithCovarianceStamped, frame: str) -> InitialPose:
+    """Convert a pose of the base, with its covariance, that has to be given in `frame`, or without a frame.
+
+    Raises
+    ------
+    PoseError
+        When the frame, the pose or the covariance is not valid.
+    """
+    if message.header.frame_id not in ('', frame):
+        raise PoseError(f'the pose is in {message.header.frame_id!r}; expected {frame!r}')
+    pose = planar_from_message(message.pose.pose)
+    covariance = 0.5 * np.reshape(message.pose.covariance, (6, 6))[PLANE]
+    covariance = covariance + covariance.T
+    if not (np.isfinite(covariance).all()
+            and np.linalg.eigvalsh(covariance)[0] >= -ROUNDING * np.abs(covariance).max()):
+        raise PoseError('its covariance is invalid; expected finite numbers, positive semidefinite')
+    return InitialPose(pose, covariance)
 
 
 def segments_to_message(update: OdometryUpdate, origin: SE2, odom_frame: str) -> MarkerArray:

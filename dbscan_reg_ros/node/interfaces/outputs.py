@@ -152,7 +152,9 @@ class Outputs:
                 frame.patch = occupancy.trace_rays(pose.apply(frame.features.points), pose.as_array()[:2], resolution,
                                                    REACH)
             counts.add(frame.patch)
-        self._grid.publish(grid_message(counts.grid(), state.stamp, self.parameters.odom_frame))
+        grid = counts.grid()
+        self._grid.publish(grid_message(grid.values, SE2(*grid.corner), grid.resolution, state.stamp,
+                                        self.parameters.odom_frame))
 
     def _path_message(self, state: BaseState) -> Path:
         poses = [*self._poses, (state.stamp, state.pose)]
@@ -163,13 +165,13 @@ class Outputs:
         return message
 
 
-def grid_message(grid: occupancy.OccupancyGrid, stamp: int, frame: str) -> OccupancyGrid:
-    """Make the OccupancyGrid of a `grid` in `frame` at `stamp` [ns]."""
-    message = OccupancyGrid(data=array.array('b', grid.values.tobytes()))
+def grid_message(values: NDArray[np.int8], origin: SE2, resolution: float, stamp: int, frame: str) -> OccupancyGrid:
+    """Make the OccupancyGrid of `values` (H, W) in `frame` at `stamp` [ns]; `origin` is the pose of their corner."""
+    message = OccupancyGrid(data=array.array('b', values.tobytes()))
     message.header.stamp, message.header.frame_id = stamp_to_message(stamp), frame
-    message.info.map_load_time, message.info.resolution = message.header.stamp, grid.resolution
-    message.info.height, message.info.width = grid.values.shape
-    message.info.origin.position.x, message.info.origin.position.y = grid.corner
+    message.info.map_load_time, message.info.resolution = message.header.stamp, resolution
+    message.info.height, message.info.width = values.shape
+    message.info.origin = pose_to_message(origin)
     return message
 
 

@@ -5,25 +5,18 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from numpy.typing import NDArray
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from ...core.odometry.records import OdometryUpdate
 from ...core.registration.records import Prior
-from ...recordings.message_fields import PLANE
 from ...recordings.snapshots import Snapshot, SnapshotUpdate, write_snapshot
 from ...robot.base_state import InitialPose
 from ...robot.parameters import NodeParameters
 from ..throttled_log import ThrottledLog
 from .endpoints import subscription
-from .messages import PoseError, planar_from_message
-
-ROUNDING = 1e-9
-"""A negative eigenvalue of a covariance counts as zero if its absolute value is at most this
-fraction of the largest element."""
+from .messages import PoseError, initial_pose
 
 
 class Services:
@@ -103,27 +96,10 @@ class Services:
         return response
 
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
-        frame = message.header.frame_id
-        if frame not in ('', self.parameters.odom_frame):
-            self._log.warn(f'set_pose is ignored: the pose is in {frame!r}; expected {self.parameters.odom_frame!r}')
-            return
         try:
-            pose = planar_from_message(message.pose.pose)
+            initial = initial_pose(message, self.parameters.odom_frame)
         except PoseError as error:
             self._log.warn(f'set_pose is ignored: {error}')
             return
-        covariance = 0.5 * np.reshape(message.pose.covariance, (6, 6))[PLANE]
-        covariance = covariance + covariance.T
-        if not _is_semidefinite(covariance):
-            self._log.warn('set_pose is ignored: its covariance is invalid; expected finite numbers, positive '
-                           'semidefinite')
-            return
-        self._reset(f'set_pose to x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.theta:.3f} rad',
-                    InitialPose(pose, covariance))
-
-
-def _is_semidefinite(covariance: NDArray[np.float64]) -> bool:
-    """Whether a symmetric matrix ``(3, 3)`` is finite and positive semidefinite, up to rounding."""
-    if not np.isfinite(covariance).all():
-        return False
-    return bool(np.linalg.eigvalsh(covariance)[0] >= -ROUNDING * np.abs(covariance).max())
+        pose = initial.pose
+        self._reset(f'set_pose to x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.theta:.3f} rad', initial)

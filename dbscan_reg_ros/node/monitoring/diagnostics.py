@@ -54,16 +54,19 @@ class Diagnostics:
         Publisher of our odometry.
     is_paused : callable
         Whether the odometry is paused.
+    in_map : callable or None
+        Returns the state of the localisation; None without a map.
     """
 
     def __init__(self, node: Node, lidars: Sequence[Lidar], priors: Priors, log: ThrottledLog,  # noqa: PLR0913
-                 sender: TransformSender, odom: Publisher, is_paused: Callable[[], bool]) -> None:
+                 sender: TransformSender, odom: Publisher, is_paused: Callable[[], bool],
+                 in_map: Callable[[], DiagnosticStatus] | None = None) -> None:
         self._node, self._priors = node, priors
         self._lidars = lidars
         self._log = log
         self._sender = sender
         self._odom = odom
-        self._is_paused = is_paused
+        self._is_paused, self._in_map = is_paused, in_map
         self._publisher = publisher(node, DiagnosticArray, '/diagnostics', 10)
         self._seen: set[str] = set()
         self._logged: set[str] = set()
@@ -102,7 +105,7 @@ class Diagnostics:
                  *((f'status {each.value}', str(sum(lidar.counters.statuses[each] for lidar in self._lidars)))
                    for each in Status)]
         status.values = [KeyValue(key=key, value=value) for key, value in pairs]
-        report = DiagnosticArray(status=[status])
+        report = DiagnosticArray(status=[status, self._in_map()] if self._in_map else [status])
         report.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(report)
 

@@ -134,7 +134,7 @@ def test_publish_tf_sends_at_once_and_withdraws(graph):
     sender.on_transform(foreign(), '/tf')
     assert not sends(sender, node)
     sender.reconfigure(NodeParameters(publish_tf=False), insist=True)
-    assert not sends(sender, node) and not sender.has_publisher and not sender.conflict
+    assert not sends(sender, node) and not sender.active and sender.publisher is None and not sender.conflict
 
 
 @pytest.mark.parametrize('seed', range(3))

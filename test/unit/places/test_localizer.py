@@ -122,6 +122,51 @@ def test_a_start_anywhere_is_found_and_followed(floor):
         assert off.as_array()[:2] @ np.linalg.solve(each.covariance[:2, :2], off.as_array()[:2]) < 60.0
 
 
+CLICKED = np.diag((0.5, 0.5, 0.26)) ** 2
+"""Covariance of a pose that is set with the mouse in RViz."""
+
+
+def test_a_pose_that_is_set_counts_at_once_and_is_corrected_by_the_first_scans(floor):
+    localizer = Localizer(grid_of(floor))
+    truth, updates = driven(floor, floor.tour[6:4:-1])
+    localizer.process(updates[0])
+    clicked = SE2.from_array(truth[0]) @ SE2(0.5, -0.4, 0.25)
+    localizer.set_pose(clicked, CLICKED, updates[0])
+    found = [localizer.process(update) for update in updates[1:13]]
+    assert {each.state for each in found} == {State.LOCALISED}
+    off = np.array([(SE2.from_array(pose).inverse() @ each.pose).as_array()
+                    for pose, each in zip(truth[1:], found, strict=False)])
+    assert np.hypot(*off[2:, :2].T).max() < 0.1 and np.abs(off[2:, 2]).max() < 0.02
+    assert math.sqrt(found[-1].covariance[0, 0]) < 0.1
+
+
+def test_a_pose_that_is_set_wrong_is_given_up_and_the_right_one_is_found(floor):
+    localizer = Localizer(grid_of(floor))
+    truth, updates = driven(floor, floor.tour[6:2:-1])
+    localizer.set_pose(SE2(*floor.tour[1], 1.0), CLICKED, updates[0])
+    found = [localizer.process(update) for update in updates[1:]]
+    states = [each.state for each in found]
+    gone = states.index(State.SEARCHING)
+    assert set(states[:gone]) <= {State.LOCALISED} and found[gone].covariance[0, 0] == pytest.approx(100.0)
+    assert all(each.covariance[0, 0] > 0.2 for each in found[:gone])
+    assert states[-1] is State.LOCALISED
+    off = SE2.from_array(truth[-1]).inverse() @ found[-1].pose
+    assert math.hypot(off.x, off.y) < 0.1
+
+
+def test_a_search_keeps_the_last_transform_and_a_reset_forgets_it(floor):
+    localizer = Localizer(grid_of(floor))
+    truth, updates = driven(floor, floor.tour[6:4:-1])
+    localizer.set_pose(SE2.from_array(truth[0]), 1e-4 * np.eye(3), updates[0])
+    before = localizer.process(updates[1]).transform
+    localizer.search()
+    after = localizer.process(updates[2])
+    assert after.state is State.SEARCHING and after.covariance[0, 0] == pytest.approx(100.0)
+    assert after.transform.as_array() == pytest.approx(before.as_array())
+    localizer.reset()
+    assert localizer.process(updates[3]).transform is None
+
+
 def test_two_equal_buildings_are_ambiguous_to_the_end(floor):
     one = grid_of(floor)
     inner = one.values[1:-1, 1:-1]
