@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry point of ``dbscan-reg-ros COMMAND`` and ``python -m dbscan_reg_ros COMMAND``."""
+import io
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -9,12 +11,17 @@ def entry_point() -> int:
     """Run the command named by the executable, or else by the first argument; return its exit status.
 
     SIGINT and SIGTERM are blocked at once: a signal that comes while modules are imported is delivered when the command
-    or the node handles signals.
+    or the node handles signals. Characters that the standard output does not know become question marks, and Jupyter's
+    choice of a backend of matplotlib, which may not be installed here, does not count: pictures become files.
     """
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
     from pathlib import Path
 
     from .command_lines import COMMANDS
+    os.environ['MPLBACKEND'] = 'agg'
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors='replace')
     name = Path(sys.argv[0]).name
     return main([name, *sys.argv[1:]] if name in COMMANDS else sys.argv[1:])
 

@@ -40,12 +40,15 @@ SOURCES = {
 }
 """Module -> names of the package that contains it."""
 
-_CORE = 'numpy', 'scipy', 'sklearn', 'yaml'
+EXTRA = 'matplotlib', 'rosbags', 'tqdm'
+"""Modules that ``pip install '.[commands]'`` brings."""
+WITH_EXTRA = " (or in the folder of the source, with all that the commands need: pip install '.[commands]')"
+_CORE = 'numpy', 'scipy', 'yaml'
 NEEDS = {
     'scan_matcher': (*_CORE, ROS),
     'scan_matcher_lifecycle': (*_CORE, ROS),
     'replay': (*_CORE, 'matplotlib', 'tqdm'),
-    'register': (*_CORE, 'matplotlib'),
+    'register': _CORE,
     'play': (*_CORE, 'tqdm', ROS),
     'demo': (*_CORE, 'matplotlib', 'tqdm', ROS),
     'calibrate': (*_CORE, 'tqdm'),
@@ -54,7 +57,7 @@ NEEDS = {
     'simulate': (*_CORE, 'matplotlib'),
     'watch': (*_CORE, 'matplotlib', ROS),
     'convert': (*_CORE, 'tqdm'),
-    'bench': (*_CORE, 'matplotlib', 'tqdm'),
+    'bench': (*_CORE, 'matplotlib', 'sklearn', 'tqdm'),
 }
 """Command -> modules that the command requires."""
 
@@ -106,7 +109,7 @@ def _remedies(modules):
         else:
             wheels += ROS_WHEELS
     if wheels:
-        yield _pip(wheels)
+        yield _pip(wheels) + WITH_EXTRA * any(module in EXTRA for module in modules)
 
 
 def _packages(modules, system):

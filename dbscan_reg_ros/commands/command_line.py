@@ -23,6 +23,8 @@ MOST_SHOWN = 5
 LARGEST_SEED = 2**32 - 1
 SMALLEST_CELL, LARGEST_CELL = 0.001, 10
 """Limits of the side of a cell of a grid [m]."""
+SMALLEST_SIDE, LARGEST_SIDE = 2.0, 50.0
+"""Limits of the sides of a picture [inch]."""
 LARGEST_PORT = 65535
 BAGS = '.bag', '.mcap', '.db3'
 LOGS = '.log', '.log.gz'
@@ -113,6 +115,21 @@ def add_parameters(parser, use='', otherwise=''):
     parser.add_argument('--params-file', metavar='YAML', action='append', help='parameter file as for ROS 2 nodes, or '
                         f'the name of a ready-made parameter set: {", ".join(ready_made())}{use}; if given more than '
                         f'once, a later file takes precedence (default: the default values{otherwise})')
+
+
+def add_pictures(parser):
+    """Add the arguments that choose the format and the size of pictures."""
+    parser.add_argument('--format', choices=('png', 'pdf', 'svg'), default='png', help='format of the pictures; those '
+                        'in pdf and svg are for papers: without titles and captions (default: png)')
+    parser.add_argument('--size', type=inches, nargs=2, metavar=('WIDTH', 'HEIGHT'), help='size of each picture [inch]')
+
+
+def inches(text) -> float:
+    """Read an argument that is a side of a picture [inch]."""
+    with suppress(ValueError):
+        if SMALLEST_SIDE <= float(text) <= LARGEST_SIDE:
+            return float(text)
+    raise argparse.ArgumentTypeError(f'{text!r}: expected {SMALLEST_SIDE:g} to {LARGEST_SIDE:g} inches')
 
 
 def add_workers(parser):
@@ -221,6 +238,11 @@ def asked_for(args):
         yield 'distributed'
     if given.get('search') == 'optuna':
         yield 'optuna'
+    if given.get('no_figures') is False:
+        yield 'matplotlib'
+    methods = given.get('method') or ()
+    if 'paper' in (given.get('a'), given.get('b'), *([methods] if isinstance(methods, str) else methods)):
+        yield 'sklearn'
     if given.get('live'):
         yield ROS
     bags = list(_bags(given))

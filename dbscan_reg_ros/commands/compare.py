@@ -13,6 +13,7 @@ from .command_line import (
     SEVERAL,
     CommandError,
     add_mounting,
+    add_pictures,
     add_recordings,
     add_workers,
     make_parser,
@@ -69,8 +70,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--all', action='store_true', help='the exit status is 1 if any competitor is worse than A, '
                         'not only B')
     parser.add_argument('--seed', type=seed, default=0, help='seed of the bootstrap (default: 0)')
-    parser.add_argument('--out', metavar='DIR', default='results', help='write the table, the picture and the '
-                        'trajectories to DIR/compare/DATE and link it as DIR/compare/latest (default: results)')
+    parser.add_argument('--out', metavar='DIR', default='results', help='write the table, also as CSV and LaTeX, the '
+                        'pictures and the trajectories to DIR/compare/DATE and link it as DIR/compare/latest (default: '
+                        'results)')
+    add_pictures(parser)
     add_workers(parser)
     return run(parser, compare, argv)
 
@@ -125,6 +128,7 @@ def compare(args):
         for row, found in zip(rows, unjudged.get(name, ()), strict=False):
             row.notes.append(found.note)
     write_comparison(folder, comparisons, results, text, unjudged)
+    write_pictures(args, folders, comparisons, known, trajectories)
     write_pages(folders, recordings, known, trajectories, results)
     point_latest(folder)
     print(f'results  {folder}')
@@ -211,23 +215,41 @@ def status(comparisons) -> int:
 
 
 def write_comparison(folder, comparisons, results, text, unjudged):
-    """Write table.txt, comparison.json, comparison.png (B against A) and a picture for each competitor after B."""
+    """Write table.txt, the same as table.csv and table.tex, and comparison.json."""
     import dataclasses
     import json
 
-    from ..figures.plots import plot_differences
+    from ..evaluation.competitor_results import csv_table, latex_table
 
-    (folder / 'table.txt').write_text(text + '\n', encoding='utf-8')
+    rows = [*itertools.chain(*results)]
     contents = [{'b': c.b, 'judged': not c.not_judged, 'coverage': c.coverage, 'differences': {
         name: {d.unit: dataclasses.asdict(d) for d in row} for name, row in c.table.items()}} for c in comparisons]
-    content = {'table': [each.as_json() for each in itertools.chain(*results)], 'a': comparisons[0].a, **contents[0],
+    content = {'table': [each.as_json() for each in rows], 'a': comparisons[0].a, **contents[0],
                'others': contents[1:],
                'without_truth': {name: [*map(dataclasses.asdict, found)] for name, found in unjudged.items()}}
-    (folder / 'comparison.json').write_text(json.dumps(content, indent=1) + '\n', encoding='utf-8')
+    for name, written in (('table.txt', text + '\n'), ('table.csv', csv_table(rows)), ('table.tex', latex_table(rows)),
+                          ('comparison.json', json.dumps(content, indent=1) + '\n')):
+        (folder / name).write_text(written, encoding='utf-8')
+
+
+def write_pictures(args, folders, comparisons, known, trajectories):
+    """Draw the differences of each competitor from A, and in the folder of each recording all trajectories."""
+    from ..figures.plots import plot_differences, plot_trajectories
+    from ..replays.page.drive_data import competitor_lines, known_lines
+
+    titled = args.format == 'png'
     for c in comparisons:
         if c.table:
-            file = 'comparison.png' if c.letter == 'B' else f'comparison_{c.letter}.png'
-            plot_differences(folder / file, c.table, c.letter, Path(c.a).name, Path(c.b).name)
+            names = (Path(c.a).name, Path(c.b).name) if titled else None
+            file = 'comparison' if c.letter == 'B' else f'comparison_{c.letter}'
+            plot_differences(folders[0].with_name(f'{file}.{args.format}'), c.table, c.letter, names, args.size)
+    names = [f'{c.letter}: {Path(c.b).name}' for c in comparisons]
+    for folder, motion, (ours, *others) in zip(folders, known, trajectories, strict=True):
+        poses = ours.pose_array()
+        lines = [(f'A: {Path(comparisons[0].a).name}', poses[:, :2])]
+        lines += [(name, way) for _, name, way in (*competitor_lines(ours, zip(names, others, strict=True)),
+                                                   *known_lines(motion, ours.stamps, poses))]
+        plot_trajectories(folder / f'trajectories.{args.format}', lines, folder.name * titled, args.size)
 
 
 def write_pages(folders, recordings, known, trajectories, results):

@@ -13,6 +13,7 @@ from .command_line import (
     add_data,
     add_mounting,
     add_parameters,
+    add_pictures,
     add_topic,
     make_parser,
     note_unused,
@@ -30,10 +31,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with the arguments `argv`; return its exit status."""
     parser = make_parser('register', 'Register one scan to another without an initial guess, or show a registration '
                          'from a snapshot of the node. Prints the motion, its covariance and status, and the '
-                         'hypotheses; draws the result of each step of the method as a picture of its own and all of '
-                         'them on sheet.png. The beams of a scan count as measured at one instant: the motion during '
-                         'a scan is not removed.', verbose='print the covariance as well; show the traceback of an '
-                         'error')
+                         'hypotheses; draws the result of each step of the method as a picture of its own and, in '
+                         'png, all of them on sheet.png. The beams of a scan count as measured at one instant: the '
+                         'motion during a scan is not removed.', verbose='print the covariance as well; show the '
+                         'traceback of an error')
     parser.add_argument('file', metavar='FILE', help='CARMEN log (plain or gzip), ROS 1 bag, ROS 2 bag, or a snapshot '
                         '(.npz) of the node; also searched for below the data folder')
     parser.add_argument('numbers', metavar='N', nargs='*', type=int, help='for a recording: the numbers of the '
@@ -55,6 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--figure4', action='store_true', help='the example of the paper, Figure 4: register scan N '
                         'of a recording (default: 0) to its own points moved by x -1.5 m, y 0.8 m, theta 0.3 rad')
     parser.add_argument('--no-figures', action='store_true', help='draw nothing, which takes most of the time')
+    add_pictures(parser)
     parser.add_argument('--out', metavar='DIR', default='results', help='write the pictures to DIR/NAME_N_N/DATE and '
                         'link it as DIR/NAME_N_N/latest (default: results)')
     return run(parser, register, argv)
@@ -80,7 +82,7 @@ class Pair(NamedTuple):
 
 def register(args):
     """Register the pair, print the result and draw each step."""
-    from ..figures.sheet import draw_figures
+    from ..figures.sheet import SIZE, draw_figures
     from ..figures.texts import Timing, describe, fixed, status_text
     from ..recordings import find_recording
     from ..replays.lidars import scan_topics
@@ -108,8 +110,9 @@ def register(args):
         return
     folder = new_folder(Path(args.out) / pair.name)
     transform = steps.registration.transform
-    draw_figures(folder, steps, f'{_title(pair)}: x {fixed(transform.x, 3)} m, y {fixed(transform.y, 3)} m, theta '
-                                f'{fixed(math.degrees(transform.theta), 2)} deg, {status_text(steps.registration)}')
+    title = (f'{_title(pair)}: x {fixed(transform.x, 3)} m, y {fixed(transform.y, 3)} m, theta '
+             f'{fixed(math.degrees(transform.theta), 2)} deg, {status_text(steps.registration)}')
+    draw_figures(folder, steps, title, args.size or SIZE, args.format)
     point_latest(folder)
     print(f'figures     {folder}')
 

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Table of a comparison: the errors of each competitor on each recording, and notes on missing errors."""
+import csv
+import io
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from operator import attrgetter
@@ -19,6 +21,12 @@ DEFINITION = (f'error over {METRES:g} m, {FARTHER_METRES:g} m: mean error of the
               f'scan at least {METRES:g} m, {FARTHER_METRES:g} m farther along the true path; all columns: '
               'doc/faq.md, "Comparing methods"')
 """Printed below the table."""
+ERRORS = (('error over 1 m', 'm', 4), ('error over 1 m', 'deg', 3), ('error over 5 m', 'm', 4),
+          ('error over 5 m', 'deg', 3), ('APE rmse', 'm', 6), ('RPE rmse', 'm', 6), ('RPE rmse', 'deg', 6))
+"""Name, unit and digits of each error of a competitor."""
+TEX = {'\\': r'\textbackslash{}', '~': r'\textasciitilde{}', '^': r'\textasciicircum{}',
+       **{character: f'\\{character}' for character in '&%$#_{}'}}
+"""Characters that LaTeX takes as commands -> how they are written."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +81,12 @@ class CompetitorResult:
         evo = values.pop('evo')
         return values | {name: evo[name] for name in ('ape_m', 'rpe_m', 'rpe_deg')}
 
+    def errors(self) -> list[str]:
+        """Return the errors as texts, in the order of `ERRORS`; `UNKNOWN` for those that cannot be computed."""
+        return [number(value, digits) for value, (_, _, digits) in zip(
+            (self.error_m, self.error_deg, self.error_5m_m, self.error_5m_deg, self.evo.ape_m, self.evo.rpe_m,
+             self.evo.rpe_deg), ERRORS, strict=True)]
+
 
 def _unused(problems) -> list:
     """Summarise why scans were not used."""
@@ -96,11 +110,10 @@ def describe(results) -> list:
              f'{"recording":{wide}}  {"competitor":{named}}  {"a pose":>{counted}}  {"[m]":>9} {"[deg]":>8}  '
              f'{"[m]":>9} {"[deg]":>8}  {"[m]":>11}  {"[m]":>11} {"[deg]":>11}  against A']
     for each in results:
-        evo = each.evo
+        m, deg, m_5, deg_5, ape, rpe_m, rpe_deg = each.errors()
         lines.append(f'{each.recording:{wide}}  {f"{each.letter} {each.name}":{named}}  {each.with_pose:>{counted}}  '
-                     f'{number(each.error_m, 4):>9} {number(each.error_deg, 3):>8}  '
-                     f'{number(each.error_5m_m, 4):>9} {number(each.error_5m_deg, 3):>8}  {number(evo.ape_m, 6):>11}  '
-                     f'{number(evo.rpe_m, 6):>11} {number(evo.rpe_deg, 6):>11}  {each.verdict}'.rstrip())
+                     f'{m:>9} {deg:>8}  {m_5:>9} {deg_5:>8}  {ape:>11}  {rpe_m:>11} {rpe_deg:>11}  '
+                     f'{each.verdict}'.rstrip())
     lines.append(DEFINITION)
     if len({each.poses for each in results if each.recording == results[0].recording}) > 1:
         lines.append('APE and RPE are over all poses of each trajectory: rows with other scans are not comparable')
@@ -109,6 +122,27 @@ def describe(results) -> list:
     notes = [(recording, note) for recording, group in groupby(results, attrgetter('recording'))
              for note in grouped_notes(list(group))]
     return lines + [f'{recording}, {note}' for recording, note in notes]
+
+
+def csv_table(results) -> str:
+    """Format the results as comma-separated values, with the names of `CompetitorResult.as_json`."""
+    text = io.StringIO()
+    rows = [each.as_json() | {'notes': '; '.join(each.notes)} for each in results]
+    writer = csv.DictWriter(text, rows[0], lineterminator='\n')
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def latex_table(results) -> str:
+    """Format the errors as a ``tabular`` of LaTeX; a dash stands for what is unknown."""
+    rows = [['recording', 'competitor', *(f'{name} [{unit}]' for name, unit, _ in ERRORS), 'against A']]
+    rows += [[each.recording, f'{each.letter} {each.name}', *(text.replace(UNKNOWN, '--') for text in each.errors()),
+              each.verdict] for each in results]
+    lines = [' & '.join(''.join(TEX.get(character, character) for character in text) for text in row) + r' \\'
+             for row in rows]
+    lines[0] += r' \hline'
+    return '\n'.join([rf'\begin{{tabular}}{{ll{"r" * len(ERRORS)}l}}', *lines, r'\end{tabular}', ''])
 
 
 def grouped_notes(results) -> list:

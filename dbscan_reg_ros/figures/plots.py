@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.errors import DbscanRegError
 from ..core.geometry.se2 import SE2, as_complex
 from ..core.scan import Scan
 from ..recordings.files import replacing
@@ -20,6 +21,8 @@ CELLS = 1500
 """Cells of the longer side of the map: one cell for each pixel, so that the picture is not resampled."""
 
 
+LINES = '-', '--', '-.', ':', (0, (5, 1, 1, 1, 1, 1))
+"""Styles of trajectories, so that they are told apart without colour."""
 PNG_LEVEL = 3
 """Compression of PNG pictures: half of the time of the usual 6, for files that are 7 % larger."""
 
@@ -89,10 +92,13 @@ def density_map(scans, poses) -> DensityMap:
 
 def save(figure, path, dpi, **options):
     """Write a matplotlib `figure` completely or not at all; the ending of `path` selects the format."""
+    from matplotlib import rc_context
+
     _lay_out(figure, dpi)
     if Path(path).suffix == '.png':
         options |= {'pil_kwargs': {'compress_level': PNG_LEVEL}}
-    with replacing(path, binary=True) as file, _any_script():
+    # Fonts as TrueType: publishers refuse those of type 3.
+    with replacing(path, binary=True) as file, _any_script(), rc_context({'pdf.fonttype': 42}):
         figure.savefig(file, dpi=dpi, format=Path(path).suffix[1:] or None, **options)
 
 
@@ -118,7 +124,14 @@ def _lay_out(figure, dpi):
     """Lay a figure out, once: matplotlib lays a figure with an engine out twice, and draws it twice."""
     figure.set_dpi(dpi)
     if (layout := figure.get_layout_engine()) is not None:
-        layout.execute(figure)
+        with warnings.catch_warnings():
+            warnings.filterwarnings('error', 'constrained_layout not applied')
+            try:
+                layout.execute(figure)
+            except UserWarning:
+                width, height = figure.get_size_inches()
+                raise DbscanRegError(f'a picture of {width:g} x {height:g} inches has no room beside its texts; '
+                                     'expected a larger size') from None
         figure.set_layout_engine(None)
 
 
@@ -218,7 +231,7 @@ def plot_world(path, segments, circles, way, routes=(), title=''):
     save(figure, path, 110, bbox_inches='tight')
 
 
-def plot_differences(path, table, letter, a, b):
+def plot_differences(path, table, letter, names, size):
     """Draw the differences of the errors of a competitor and A, in per cent of those of A, with confidence intervals.
 
     Parameters
@@ -229,12 +242,14 @@ def plot_differences(path, table, letter, a, b):
         Name of the recording -> a `Difference` for translation and one for rotation.
     letter : str
         Letter of the competitor.
-    a, b : str
-        Names of A and of the competitor.
+    names : (str, str) or None
+        Names of A and of the competitor for the title; None: no title.
+    size : (float, float) or None
+        Width and height [inch]; None: by the number of recordings.
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10.0, 2.0 + 0.45 * len(table)), layout='constrained')
+    figure = Figure(figsize=size or (10.0, 2.0 + 0.45 * len(table)), layout='constrained')
     panels = figure.subplots(1, 2, sharey=True)
     for column, (axes, title) in enumerate(zip(panels, ('translation', 'rotation'), strict=True)):
         for place, row in enumerate(table.values()):
@@ -247,7 +262,34 @@ def plot_differences(path, table, letter, a, b):
         axes.set(title=title, xlabel=f'mean error over 1 m, {letter} against A [%]', ylim=(len(table) - 0.5, -0.5))
         axes.set_yticks(range(len(table)), table)
         axes.grid(axis='x', linewidth=0.3)
-    figure.suptitle(f'A: {a}, {letter}: {b}; filled: significant, square: {letter} worse')
+    if names:
+        figure.suptitle(f'A: {names[0]}, {letter}: {names[1]}; filled: significant, square: {letter} worse')
+    save(figure, path, 110)
+
+
+def plot_trajectories(path, lines, title, size):
+    """Draw several trajectories of one drive on a plan.
+
+    Parameters
+    ----------
+    path : str or Path
+        The picture to write.
+    lines : list of (str, (N, 2) float)
+        Name and positions [m] of each trajectory, all in one frame; NaN interrupts a line.
+    title : str
+    size : (float, float) or None
+        Width and height [inch].
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size or (8.0, 8.0), layout='constrained')
+    axes = figure.add_subplot()
+    for number, (name, way) in enumerate(lines):
+        axes.plot(*way.T, linestyle=LINES[number % len(LINES)], linewidth=1.2, label=name)
+    axes.set(xlabel='x [m]', ylabel='y [m]', title=title)
+    axes.set_aspect('equal', adjustable='datalim')
+    axes.grid(linewidth=0.3)
+    figure.legend(loc='outside lower center', ncols=2, frameon=False)
     save(figure, path, 110)
 
 

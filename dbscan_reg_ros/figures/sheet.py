@@ -6,7 +6,7 @@ from typing import NamedTuple
 from .clusters import draw_rotation, draw_translation, explain_translation
 from .densities import draw_densities
 from .overlay import draw_overlay, explain_overlay
-from .plots import picture, write_png
+from .plots import picture, save, write_png
 from .scans import draw_points, draw_scan_segments
 
 
@@ -53,22 +53,41 @@ FIGURES = {
 }
 """Name of each figure, without ending -> `Drawing`."""
 SIZE = 12.0, 7.0
-"""[inch]"""
+"""Size of a picture [inch]."""
+SMALLEST_FONT = 6.0
+"""[pt]"""
 DPI = 100
 LAYOUT = [['overlay', 'overlay', 'points'], ['overlay', 'overlay', 'segments'],
           ['rotation', 'translation', 'densities']]
 """Position of each figure on the sheet; one with several places is enlarged."""
 
 
-def draw_figures(folder, steps, title):
-    """Write ``NAME.png`` for each of the `FIGURES` of `Steps`, and ``sheet.png``, into `folder`."""
+def draw_figures(folder, steps, title, size=SIZE, ending='png'):
+    """Write a picture for each of the `FIGURES` of `Steps` into `folder`, and ``sheet.png`` with all of them.
+
+    Parameters
+    ----------
+    folder : Path
+    steps : Steps
+    title : str
+    size : (float, float)
+        Width and height of each picture [inch].
+    ending : str
+        ``pdf`` and ``svg`` are for papers: without titles, captions and the sheet.
+    """
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
     from PIL import Image
 
-    width, height = (round(DPI * side) for side in SIZE)
+    width, height = (round(DPI * side) for side in size)
     sheet = Image.new('RGB', (len(LAYOUT[0]) * width, len(LAYOUT) * height))
     for name, drawing in FIGURES.items():
-        figure = Figure(figsize=SIZE, layout='constrained')
+        figure = Figure(figsize=size, layout='constrained')
+        if ending != 'png':
+            with rc_context({'font.size': min(max(10.0 * size[0] / SIZE[0], SMALLEST_FONT), 10.0)}):
+                drawing.draw(figure, steps)
+                save(figure, folder / f'{name}.{ending}', DPI)
+            continue
         drawing.draw(figure, steps)
         figure.suptitle(f'{title}\n{drawing.title}')
         figure.supxlabel(drawing.caption(steps), fontsize='medium')
@@ -79,4 +98,5 @@ def draw_figures(folder, steps, title):
         (left, top), (right, _) = places[0], places[-1]
         enlarged = right - left + 1
         sheet.paste(image if enlarged == 1 else picture(figure, enlarged * DPI), (left * width, top * height))
-    write_png(folder / 'sheet.png', sheet)
+    if ending == 'png':
+        write_png(folder / 'sheet.png', sheet)

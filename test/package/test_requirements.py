@@ -12,10 +12,10 @@ import pytest
 
 from dbscan_reg_ros import requirements
 from dbscan_reg_ros.command_lines import COMMANDS
-from dbscan_reg_ros.requirements import NEEDS, ROS, ROS_WHEELS, SOURCES, missing_line
+from dbscan_reg_ros.requirements import EXTRA, NEEDS, ROS, ROS_WHEELS, SOURCES, WITH_EXTRA, missing_line
 
 WORDS = {
-    'scan_matcher': [], 'scan_matcher_lifecycle': [], 'replay': ['a.log'], 'register': ['a.log', '0', '1'],
+    'scan_matcher': [], 'scan_matcher_lifecycle': [], 'replay': ['a.log'], 'register': ['a.log', '0', '1', '--no-figures'],
          'play': ['a.log'],
     'demo': [], 'compare': ['defaults', 'icp', 'a.log'], 'tune': ['a.log'], 'simulate': ['b.log'],
     'convert': ['a.log', 'b.log'], 'watch': [], 'calibrate': ['a.log', '--topic', '/a'],
@@ -86,6 +86,24 @@ def test_what_an_argument_needs_is_asked_for(without, words, module):
     assert re.fullmatch(f'tune: needs {module}, not installed here: .* -m pip install {module}\n', result.stderr)
 
 
+@pytest.mark.parametrize(('words', 'needed'), [
+    (['register', 'a.log', '0', '1'], 'matplotlib'), (['register', 'a.log', '0', '1', '--no-figures'], ''),
+    (['register', 'a.log', '0', '1', '--no-figures', '--method', 'paper'], 'scikit-learn'),
+    (['compare', 'defaults', 'icp', 'a.log'], 'matplotlib'),
+    (['compare', 'defaults', 'paper', 'a.log'], 'scikit-learn'),
+    (['compare', 'defaults', 'icp', 'a.log', '--method', 'paper'], 'scikit-learn'), (['scan_matcher', '-h'], '')])
+def test_pictures_and_the_method_of_the_paper_need_more(without, words, needed):
+    result = without(['sklearn', *(['matplotlib'] if needed != 'scikit-learn' else [])], *words)
+    assert f'needs {needed}, not installed here' in result.stderr if needed else 'needs' not in result.stderr
+
+
+def test_the_extra_of_the_package_has_what_the_commands_need(root):
+    extra = re.search(r"'commands': \[(.*?)\]", (root / 'setup.py').read_text())[1]
+    assert {SOURCES[module].pypi for module in EXTRA} <= set(re.findall(r"'(\w+)'", extra))
+    assert {module for needs in NEEDS.values() for module in needs} - {'sklearn', ROS} == {
+        'numpy', 'scipy', 'yaml', 'matplotlib', 'tqdm'}
+
+
 def test_the_system_python_is_served_by_apt_and_a_virtual_environment_by_pip(machine, tmp_path):
     (tmp_path / 'EXTERNALLY-MANAGED').touch()
     on = machine(tmp_path)
@@ -93,9 +111,10 @@ def test_the_system_python_is_served_by_apt_and_a_virtual_environment_by_pip(mac
     assert missing_line(['tqdm', 'matplotlib']) == ('needs tqdm and matplotlib, not installed here: '
                                                     'sudo apt install python3-tqdm python3-matplotlib')
     on('/home/me/my env', '/usr')
-    assert missing_line(['tqdm', 'rosbags']).endswith("here: '/home/me/my env/bin/python3' -m pip install tqdm rosbags")
+    assert missing_line(['tqdm', 'rosbags']).endswith(
+        f"here: '/home/me/my env/bin/python3' -m pip install tqdm rosbags{WITH_EXTRA}")
     on('/usr/local', managed=False)
-    assert missing_line(['tqdm']).endswith('here: /usr/local/bin/python3 -m pip install tqdm')
+    assert missing_line(['tqdm']).endswith(f'here: /usr/local/bin/python3 -m pip install tqdm{WITH_EXTRA}')
 
 
 def test_what_ubuntu_has_no_package_of_goes_into_a_virtual_environment(machine, tmp_path, monkeypatch):
@@ -106,7 +125,7 @@ def test_what_ubuntu_has_no_package_of_goes_into_a_virtual_environment(machine, 
     assert missing_line(['tqdm', 'rosbags']) == (
         'needs tqdm and rosbags, not installed here: sudo apt install python3-tqdm && /usr/bin/python3 -m venv '
         '--system-site-packages /home/me/.venvs/dbscan_reg_ros && /home/me/.venvs/dbscan_reg_ros/bin/python -m pip '
-        'install rosbags')
+        f'install rosbags{WITH_EXTRA}')
 
 
 def test_ros_is_sourced_where_it_is_there_and_comes_as_wheels_where_it_is_not(machine, tmp_path):

@@ -10,12 +10,14 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
+from rooms import room_log
 
 from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.__main__ import main
 from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.commands import command_line
 from dbscan_reg_ros.endings import held, interruptible
+from dbscan_reg_ros.requirements import WITH_EXTRA
 
 needs_ros = pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='needs ROS 2 (rclpy)')
 
@@ -50,6 +52,15 @@ def test_the_overview_names_every_command(capsys):
     assert stop.value.code == 0
     overview = capsys.readouterr().out
     assert all(f'\n  {name} ' in overview and summary in overview for name, (_, summary) in COMMANDS.items())
+
+
+def test_neither_the_backend_of_jupyter_nor_an_old_terminal_matter(shell, tmp_path, monkeypatch):
+    monkeypatch.setenv('MPLBACKEND', 'module://matplotlib_inline.backend_inline')
+    monkeypatch.setenv('PYTHONIOENCODING', 'ascii')
+    room_log(tmp_path / 'b\u00fcro.log', 3)
+    result = shell('register', 'b\u00fcro.log', 0, 2)
+    assert (result.returncode, result.stderr) == (0, '') and 'figures     results/b?ro_0_2/' in result.stdout
+    assert (tmp_path / 'results' / 'b\u00fcro_0_2' / 'latest' / 'sheet.png').exists()
 
 
 @pytest.mark.parametrize('argv', [[], ['replai'], ['replay'], ['replay', 'a.log', '--nonsense']])
@@ -88,7 +99,7 @@ def test_verbose_shows_where_an_error_comes_from(shell):
     (KeyboardInterrupt(), 130, 'work: interrupted\n'),
     (PermissionError(13, 'Permission denied', 'out/a'), 1, 'work: out/a: Permission denied\n'),
     (ModuleNotFoundError('no', name='rosbags'), 1,
-     f'work: needs rosbags, not installed here: {shlex.quote(sys.executable)} -m pip install rosbags\n'),
+     f'work: needs rosbags, not installed here: {shlex.quote(sys.executable)} -m pip install rosbags{WITH_EXTRA}\n'),
     (BrokenProcessPool('terminated abruptly'), 1,
      'work: a worker process was killed, possibly for lack of memory: use fewer --processes\n'),
     (ZeroDivisionError('by zero'), 1, 'work: internal error: by zero (-v shows where)\n'),

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Comparing two parameter sets or methods: no false alarms, and what is worse is found."""
+import csv
 import json
 from itertools import islice
 
@@ -87,8 +88,15 @@ def test_a_worse_set_is_found_and_sets_the_exit_status(compare, tmp_path):
     assert content['differences']['all']['m']['low'] > 0.0
     folder = tmp_path / 'compare' / 'latest'
     assert {file.name for file in folder.iterdir()} == {
-        'comparison.json', 'comparison.png', 'hall', 'index.html', 'table.txt'}
+        'comparison.json', 'comparison.png', 'hall', 'index.html', 'table.csv', 'table.tex', 'table.txt'}
     assert (folder / 'table.txt').read_text() in printed.out
+    assert 0.005 < 1.0 - imread(folder / 'hall' / 'trajectories.png')[..., :3].mean() < 0.3
+    rows = list(csv.DictReader((folder / 'table.csv').read_text().splitlines()))
+    assert [float(row['error_m']) for row in rows] == [row['error_m'] for row in content['table']]
+    begin, *lines, end = (folder / 'table.tex').read_text().splitlines()
+    assert (begin, end) == (r'\begin{tabular}{llrrrrrrrl}', r'\end{tabular}')
+    assert [line.count(' & ') for line in lines] == [9, 9, 9]
+    assert lines[1].startswith(f'hall & A defaults & {content["table"][0]["error_m"]:.4f} & ')
     assert 0.005 < 1.0 - imread(folder / 'comparison.png')[..., :3].mean() < 0.3
     assert compare(tmp_path / 'bad.yaml', 'defaults')[0] == 0
 

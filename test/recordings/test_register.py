@@ -14,7 +14,7 @@ import pytest
 from benchmarks.odometry import course
 from benchmarks.odometry.places import wood
 
-from dbscan_reg_ros import Odometry, ParameterError, Parameters, Scan, Status
+from dbscan_reg_ros import DbscanRegError, Odometry, ParameterError, Parameters, Scan, Status
 from dbscan_reg_ros.commands.register import OF_A_DRIVE, _motion_during_scan, main
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.features.extraction import extract_features
@@ -298,6 +298,20 @@ def test_points_beyond_the_limits_of_the_parameters_are_not_measured(pair):
     steps = Steps.of(*pair, Parameters().replace({'scan.range_min': 1.0, 'scan.range_max': 5.0}))
     radius = np.hypot(*steps.reference.measured.T)
     assert np.nanmin(radius) >= 1.0 and np.nanmax(radius) <= 5.0 and np.nanmax(np.hypot(*pair[0].points.T)) > 5.0
+
+
+def test_pictures_for_a_paper_have_no_titles(updates, tmp_path):
+    """Their texts are in the fonts, or of the size, that journals ask for."""
+    steps = Steps.of(updates[0].features.scan, updates[5].features.scan, Parameters())
+    draw_figures(tmp_path, steps, 'a title', (6.0, 4.0), 'svg')
+    assert {file.name for file in tmp_path.iterdir()} == {f'{name}.svg' for name in FIGURES}
+    text = (tmp_path / 'overlay.svg').read_text()
+    assert 'width="432pt" height="288pt"' in text and 'before' in text
+    assert 'a title' not in text and 'Matched segments should' not in text
+    draw_figures(tmp_path, steps, 'a title', (6.0, 4.0), 'pdf')
+    assert b'/Type3' not in (tmp_path / 'overlay.pdf').read_bytes()
+    with pytest.raises(DbscanRegError, match='2 x 2 inches has no room'):
+        draw_figures(tmp_path, steps, '', (2.0, 2.0), 'pdf')
 
 
 def test_scans_without_any_line_are_drawn_as_well(tmp_path):

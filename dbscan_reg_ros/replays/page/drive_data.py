@@ -37,7 +37,7 @@ def drive_data(report) -> dict:
     moved = not len(distance) or distance[-1] >= DRIVE
     along = distance if moved else scans.astype(float)
     sources = [record.reference_number for record in records]
-    others = [*_others(report.known, trajectory.stamps, poses), *competitor_lines(trajectory, report.competitors)]
+    others = [*known_lines(report.known, trajectory.stamps, poses), *competitor_lines(trajectory, report.competitors)]
     reasons = list(dict.fromkeys(record.reason for record in records))
     number_of = {reason: number for number, reason in enumerate(reasons)}
     return {
@@ -90,7 +90,7 @@ def _ellipses(records):
                             np.sqrt(covariances[:, 2, 2])))
 
 
-def _others(known, stamps, poses):
+def known_lines(known, stamps, poses):
     """Yield kind, name and positions ``(N, 2)`` of known trajectories, aligned with the odometry."""
     for kind, name, other in (('truth', 'truth', known.truth), ('wheels', 'wheel odometry', known.wheels)):
         if other is None:

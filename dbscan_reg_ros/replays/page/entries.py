@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ...core.registration.records import Status
 from ...evaluation.comparison import ALIKE
-from ...evaluation.competitor_results import grouped_notes, number
+from ...evaluation.competitor_results import ERRORS, grouped_notes, number
 from ...figures.plots import density_map
 from .drive_data import competitor_lines
 from .index import Columns, DriveEntry, SmallMap, small_map, write_index
@@ -18,8 +18,8 @@ REPLAY_COLUMNS = Columns(
     'over 5 m of the true path, in percent of the 5 m. Position error: root mean square after alignment with the '
     'truth.')
 COMPARISON_COLUMNS = Columns(
-    ['competitor', 'against A', 'error over 1 m [m]', 'error over 1 m [deg]', 'error over 5 m [m]',
-     'error over 5 m [deg]', 'APE rmse [m]', 'RPE rmse [m]', 'RPE rmse [deg]', 'distance [m]', 'with a pose', 'not OK'],
+    ['competitor', 'against A', *(f'{name} [{unit}]' for name, unit, _ in ERRORS), 'distance [m]', 'with a pose',
+     'not OK'],
     'Not OK: scans with another status than OK, or without a pose. With a pose: n + k of all scans, if k '
     'poses are interpolated. Error over 1 m, 5 m: mean error of the motion from each scan to the first scan at least '
     '1 m, 5 m farther along the true path, over the scans with poses of both A and the competitor. '
@@ -103,8 +103,6 @@ def comparison_entry(link, small, results) -> DriveEntry:
     results : list of CompetitorResult
         Results of the competitors on the recording.
     """
-    rows = [[f'{each.letter}: {each.name}', each.verdict, number(each.error_m, 4), number(each.error_deg, 3),
-             number(each.error_5m_m, 4), number(each.error_5m_deg, 3), number(each.evo.ape_m, 6),
-             number(each.evo.rpe_m, 6), number(each.evo.rpe_deg, 6), number(each.driven, 1), each.with_pose,
+    rows = [[f'{each.letter}: {each.name}', each.verdict, *each.errors(), number(each.driven, 1), each.with_pose,
              str(each.not_ok)] for each in results]
     return DriveEntry(results[0].recording, link, rows, small, grouped_notes(results))
