@@ -20,6 +20,7 @@ from .kept_part import Kept, messages_of_part
 from .message_fields import pose_only_fields, scan_fields
 from .opening import is_bag, open_recording
 from .recording import Record
+from .truth import truth_beside
 
 T = TypeVar('T')
 STORAGES = ('mcap', 'sqlite3')
@@ -58,7 +59,8 @@ def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage
     counts : Counter
         Topic -> number of messages written.
     remarks : list of str
-        Assumptions made to read `source`, its damaged parts, which were skipped, and a line for each part left out.
+        Assumptions made to read `source`, its damaged parts, which were skipped, a line for each part left out, and
+        which true poses `target` lacks.
 
     Raises
     ------
@@ -81,15 +83,20 @@ def convert(source: str | Path, target: str | Path, kept: Kept = ALL, *, storage
     if bag_to_bag and kept.topic:
         raise RecordingError(f'{target}: --topic {kept.topic} applies to logs; for a bag use --topics')
     open_target = partial(bag_writer, target, storage)
+    beside = [f'{file.name} beside {source.name}, with true motions, is not copied' for file in truth_beside(source)]
     if bag_to_bag:
-        return _bag_to_bag(source, open_target, kept, progress)
+        counts, remarks = _bag_to_bag(source, open_target, kept, progress)
+        return counts, [*remarks, *beside]
     recording = open_recording(source, kept.topic)
     records = _timed(progress(recording.records(), recording.count), kept.start, kept.end)
     if to_log:
         counts = write_log(target, (record for _, record in records))
     else:
         counts = _log_to_bag(records, open_target, _topics_of(recording, kept.topics))
-    return counts, [*recording.notes, *recording.problems]
+    if recording.truth() is not None and open_recording(target).truth() is None:
+        beside.append(f'{target.name} has no true poses, which {source.name} has: in what is kept the poses of the '
+                      'laser do not differ from those of the wheels')
+    return counts, [*recording.notes, *recording.problems, *beside]
 
 
 def _topics_of(recording, wanted):

@@ -122,6 +122,13 @@ def interpolate(stamps: ArrayLike, poses: ArrayLike, at: ArrayLike) -> FloatArra
     return result
 
 
+def truth_beside(recording) -> list[Path]:
+    """Return the files with true poses or relations beside the recording at a path."""
+    recording = Path(recording)
+    files = [recording.with_name(name) for name in ('truth.tum', 'reference.csv')]
+    return [*filter(Path.is_file, files), *filter(None, [find_relations(recording)])]
+
+
 def true_poses(recording):
     """Return stamps ``(N,)`` [ns] and true poses ``(N, 3)`` [m, m, rad] of a recording's sensor, or None.
 

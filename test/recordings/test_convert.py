@@ -9,6 +9,7 @@ from bags import SECOND, laser_scan, needs_rosbags, write_bag
 
 from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.commands.convert import main
+from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.recordings import conversion, open_recording
 from dbscan_reg_ros.recordings.bags.reading import open_reader
 from dbscan_reg_ros.recordings.conversion import convert
@@ -255,11 +256,26 @@ def test_what_cannot_be_converted_is_refused_and_nothing_is_written(data, tmp_pa
 
 
 @needs_rosbags
+def test_what_true_poses_a_part_lacks_is_said(tmp_path):
+    """Those of a log are laser poses that differ from the wheels, which they do not do at once."""
+    whole, part = tmp_path / 'whole.log', tmp_path / 'part.log'
+    assert simulate([str(whole), '--world', 'hall', '--speed', '2', '--rate', '4', '--seconds', '4']) == 0
+    assert convert(whole, tmp_path / 'copy.log')[1] == [] and open_recording(tmp_path / 'copy.log').truth() is not None
+    (tmp_path / 'whole.relations').write_text('')
+    assert convert(whole, part, Kept(end=0.3))[1] == [
+        'whole.relations beside whole.log, with true motions, is not copied',
+        'part.log has no true poses, which whole.log has: in what is kept the poses of the laser do not differ from '
+        'those of the wheels']
+    assert open_recording(part).truth() is None
+
+
 def test_the_command_says_what_it_wrote(data, tmp_path, capsys):
     target = tmp_path / 'bag'
     assert main(['aces/aces.log.gz', str(target), '--data', str(data), '--topics', '/scan', '--end', '60']) == 0
     count = len(open_recording(target).stamps())
-    assert capsys.readouterr().out == f'{target}  {count} /scan\n' and 20 < count < 200
+    remark, written = capsys.readouterr().out.splitlines()
+    assert remark.startswith('bag has no true poses, which aces.log.gz has: ')
+    assert written == f'{target}  {count} /scan' and 20 < count < 200
     assert main(['aces/aces.log.gz', str(target), '--data', str(data)]) == 2
     assert capsys.readouterr().err == f'convert: {target}: exists already; choose another name, or remove it\n'
 
