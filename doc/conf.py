@@ -26,10 +26,9 @@ numpydoc_class_members_toctree = False
 autodoc_typehints = 'none'
 autodoc_member_order = 'bysource'
 
-html_theme = 'alabaster'
+html_theme = 'furo'
 html_title = f'{project} {release}'
-html_theme_options = {'description': '2D laser odometry for ROS 2', 'page_width': '1100px', 'fixed_sidebar': True,
-                      'font_family': 'system-ui, sans-serif'}
+html_use_index = False
 html_copy_source = False
 html_math_renderer = 'mathml'
 
@@ -60,6 +59,7 @@ def _lead_to_the_site(app, name, source):
 def _visit_math(writer, node):
     is_block = isinstance(node, nodes.math_block)
     element = tex2mathml(node.astext(), as_block=is_block)
-    writer.body.append(writer.starttag(node, 'div' if is_block else 'span', '', CLASS='math') + element +
+    style = {'STYLE': 'padding: 0.5em 0'} if is_block else {}  # the theme cuts off what is higher than a line
+    writer.body.append(writer.starttag(node, 'div' if is_block else 'span', '', CLASS='math', **style) + element +
                        ('</div>\n' if is_block else '</span>'))
     raise nodes.SkipNode

@@ -257,6 +257,16 @@ def cluster():
 
 
 @pytest.fixture(scope='session')
+def started_browser(tmp_path_factory):
+    """A browser that is started once: a start takes longer than most tests of a page."""
+    from benchmarks.page.browser import Browser, find_browser
+    if find_browser() is None:
+        pytest.skip('needs a chromium on the PATH')
+    with contextlib.closing(Browser(tmp_path_factory.mktemp('profile'))) as browser:
+        yield browser
+
+
+@pytest.fixture(scope='session')
 def hall_recording(tmp_path_factory):
     """A simulated drive through a hall as a bag, of 45 s."""
     pytest.importorskip('rosbags', reason='needs the Python package rosbags')

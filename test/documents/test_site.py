@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The site of the documents is built without a warning, and the notebook runs; both with the versions of .venv-docs."""
+"""The site of the documents, in a browser as well, and the notebook, with the versions of .venv-docs."""
 import json
 import os
 import re
 import subprocess
 from html.parser import HTMLParser
+from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
@@ -19,7 +20,7 @@ nbformat.write(notebook, sys.argv[2])
 """
 
 
-@pytest.fixture
+@pytest.fixture(scope='session')
 def docs_python(root):
     """The interpreter that has sphinx and nbclient."""
     python = root / '.venv-docs' / 'bin' / 'python'
@@ -92,16 +93,45 @@ def test_dead_links_missing_pictures_and_raw_equations_are_found(tmp_path, text,
     assert set(faults(tmp_path)) == ({('page', fault)} if fault else set())
 
 
-def test_the_site_is_built_without_a_warning(root, docs_python, tmp_path):
-    run(root, docs_python, '-m', 'sphinx', '-q', '-W', '--keep-going', '-b', 'html', root / 'doc', tmp_path / 'site')
-    pages = {path.stem for path in (tmp_path / 'site').glob('*.html')}
-    assert {'index', 'api', *(path.stem for path in (root / 'doc').glob('*.md'))} <= pages
-    assert list(faults(tmp_path / 'site')) == []
+@pytest.fixture(scope='session')
+def site(root, docs_python, tmp_path_factory):
+    """The folder of the site, which is built without a warning."""
+    folder = tmp_path_factory.mktemp('site')
+    run(root, docs_python, '-m', 'sphinx', '-q', '-W', '--keep-going', '-b', 'html', root / 'doc', folder)
+    return folder
+
+
+def test_every_document_is_a_page_without_a_dead_link(root, site):
+    sources = {path.relative_to(root / 'doc').with_suffix('.html') for path in (root / 'doc').glob('**/*.md')}
+    assert sources | {Path('api.html')} <= {path.relative_to(site) for path in site.rglob('*.html')}
+    assert list(faults(site)) == []
     equations = re.findall(r'^ *\$\$', (root / 'doc' / 'method.md').read_text(), re.MULTILINE)
-    assert (tmp_path / 'site' / 'method.html').read_text().count('display="block"') == len(equations) > 0
-    api = (tmp_path / 'site' / 'api.html').read_text()
+    assert (site / 'method.html').read_text().count('display="block"') == len(equations) > 0
     from dbscan_reg_ros import __all__ as public
+    api = (site / 'api.html').read_text()
     assert [name for name in public if f'id="dbscan_reg_ros.{name}"' not in api] == []
+
+
+WIDTH = """Math.max(...[document.documentElement, ...document.querySelectorAll(".content")].map(e => e.scrollWidth))"""
+"""The theme scrolls what is wider than the screen in the box of the content."""
+
+
+@pytest.mark.parametrize(('width', 'height'), [(390, 844), (1400, 900)])
+def test_no_page_is_wider_than_the_screen(site, started_browser, width, height):
+    started_browser.screen(width, height)
+    widths = {}
+    for page in site.rglob('*.html'):
+        started_browser.open(page.as_uri())
+        widths[page.relative_to(site).as_posix()] = started_browser.value(WIDTH)
+    assert {page for page, pixels in widths.items() if pixels > width} == set() and len(widths) > 20
+    assert started_browser.complaints == []
+
+
+def test_a_page_that_is_wider_than_the_screen_is_found(site, started_browser):
+    started_browser.screen(390, 844)
+    started_browser.open((site / 'terms.html').as_uri())
+    started_browser.value('document.querySelector("article").firstElementChild.style.width = "600px"')
+    assert started_browser.value(WIDTH) > 600
 
 
 def test_the_notebook_holds_what_it_prints_and_draws(root, docs_python, tmp_path):

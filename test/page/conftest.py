@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A drive of 100 scans and its page, in a browser."""
-import contextlib
 import pathlib
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from benchmarks.page.browser import Browser, find_browser
 
 from dbscan_reg_ros import Odometry, Parameters
 from dbscan_reg_ros.core.registration.records import Status
@@ -67,15 +65,6 @@ def page(replayed, simulation, tmp_path):
                                   parameters, 'show a.log', history, map_closed if closed else None))
         return path
     return page
-
-
-@pytest.fixture(scope='session')
-def started_browser(tmp_path_factory):
-    """A browser that is started once: a start takes longer than most tests of a page."""
-    if find_browser() is None:
-        pytest.skip('needs a chromium on the PATH')
-    with contextlib.closing(Browser(tmp_path_factory.mktemp('profile'))) as browser:
-        yield browser
 
 
 @pytest.fixture
