@@ -198,8 +198,8 @@ def test_a_damaged_message_is_left_out_and_named(tmp_path):
     assert not (tmp_path / 'none.bag').exists()
 
 
-@pytest.mark.parametrize('target', [pytest.param('bag', marks=needs_rosbags),
-                                    pytest.param('a.bag', marks=needs_rosbags), 'a.log.gz'])
+@pytest.mark.parametrize('target', [pytest.param('bag', marks=needs_rosbags), pytest.param(
+    'a.bag', marks=(needs_rosbags, pytest.mark.long)), pytest.param('a.log.gz', marks=pytest.mark.long)])
 def test_ctrl_c_leaves_a_valid_recording(data, tmp_path, monkeypatch, capsys, target):
     with monkeypatch.context() as patch:
         break_off(patch, 100, KeyboardInterrupt())

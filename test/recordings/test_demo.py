@@ -46,6 +46,7 @@ def alive(pid):
     return True
 
 
+@pytest.mark.long
 def test_a_map_that_cannot_be_drawn_costs_no_result(demo, scans, tmp_path):
     (tmp_path / 'out' / 'map.png').mkdir(parents=True)
     process = demo(scan_bag(tmp_path / 'drive', scans[:20]))
@@ -94,8 +95,9 @@ def test_the_intel_log_is_answered_scan_by_scan_and_scored_by_its_relations(demo
     assert float(metres) < 0.03 and float(degrees) < 0.5
 
 
-@pytest.mark.parametrize(('number', 'moment'), [(signal.SIGINT, 'starting'), (signal.SIGHUP, 'starting'),
-                                                (signal.SIGINT, 'playing'), (signal.SIGTERM, 'playing')])
+@pytest.mark.parametrize(('number', 'moment'), [(signal.SIGINT, 'starting'), (signal.SIGTERM, 'playing'), *(
+    pytest.param(number, moment, marks=pytest.mark.long) for number, moment in (
+        (signal.SIGHUP, 'starting'), (signal.SIGINT, 'playing')))])
 def test_a_signal_ends_the_demo_and_its_node(demo, tmp_path, number, moment):
     process = demo()
     node = node_of(process, 60.0)

@@ -94,6 +94,7 @@ def test_wheels_of_a_recording(example, intel):
     assert wheels != pytest.approx(alone, abs=0.1)
 
 
+@pytest.mark.long
 def test_a_matcher_of_ones_own_is_measured_beside_ours(example):
     found = measures(example('04_own_matcher_in_the_benchmark'))
     assert found['Ours']['rpe_1m_mean_m'] < 0.006 and found['Ours']['rpe_1m_mean_deg'] < 0.07

@@ -19,6 +19,7 @@ from bags import needs_rosbags
 
 from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.commands.tune import main as tune
+from dbscan_reg_ros.recordings import read_tum
 from dbscan_reg_ros.replays.lidars import Lidars
 from dbscan_reg_ros.robot.parameters import NodeParameters
 from dbscan_reg_ros.tuning.objective import cost_of
@@ -191,21 +192,18 @@ def test_an_interrupted_comparison_ends_at_once(begun, recordings, tmp_path):
 
 @needs_rosbags
 def test_an_interrupted_replay_ends_at_once_with_what_it_has(begun, recordings, tmp_path):
+    from rosbags.highlevel import AnyReader
+
     def replaying():
         return len([bag for bag in tmp_path.glob('results/*/*/bag/*.mcap') if bag.stat().st_size]) == 2
 
     process = begun(replaying, 'replay', *recordings, '--processes', '2')
     assert interrupted(process) == (130, '', 'replay: interrupted\n')
     tracks = list(tmp_path.glob('results/*/*/trajectory.tum'))
-    assert len(tracks) == 2 and all(track.read_bytes() for track in tracks)
-
-
-def test_an_interrupted_demo_ends_its_node(begun, recordings, tmp_path):
-    pytest.importorskip('rclpy')
-    log = tmp_path / 'results' / 'demo-a' / 'scan_matcher.log'
-    process = begun(log.exists, 'demo', recordings[0], workers=1)
-    code, _, errors = interrupted(process)
-    assert (code, errors) == (130, 'demo: interrupted\n')
+    assert len(tracks) == 2
+    for track in tracks:
+        with AnyReader([track.parent / 'bag']) as reader:
+            assert sum(1 for _ in reader.messages()) == 3 * len(read_tum(track)[0]) > 0
 
 
 @pytest.mark.long

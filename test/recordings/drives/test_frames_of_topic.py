@@ -114,8 +114,9 @@ def test_register_and_calibrate_use_both_as_of_two_topics(merged, split, capsys)
 
 
 @pytest.mark.parametrize(('frames', 'words'), [
-    (['front'], ()), (['rear'], ()), (MOUNTINGS, ('--mounting', '/scan', '0', '0', '0')),
-    (MOUNTINGS, ('--params-file', 'none.yaml'))])
+    (['rear'], ()), (MOUNTINGS, ('--mounting', '/scan', '0', '0', '0')),
+    *(pytest.param(*case, marks=pytest.mark.long) for case in (
+        (['front'], ()), (MOUNTINGS, ('--params-file', 'none.yaml'))))])
 def test_without_the_transforms_of_all_frames_they_stay_one_lidar(drives, frames, words, tmp_path, monkeypatch, capsys):
     """Or with another mounting: then the change of the frame is a warning."""
     monkeypatch.chdir(tmp_path)

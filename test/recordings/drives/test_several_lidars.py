@@ -95,9 +95,6 @@ def test_a_replay_uses_both_lidars_and_names_them(pair, tmp_path, capsys):
     assert found['lidars']['/scan'] == {'ignored': 0} | {name: found[name] for name in rear if name != 'ignored'}
     assert found['scans'] == open_recording(pair, '/scan').count
     assert found['ok'] > 0.95 * found['scans'] and found['rpe_5m_mean_m'] < 0.01
-    # The same mountings, given on the command line.
-    again = replayed(pair, tmp_path / 'given', *given('/scan', '/scan_2'))
-    assert again['rpe_5m_mean_m'] == pytest.approx(found['rpe_5m_mean_m'], rel=1e-6)
 
 
 @pytest.mark.parametrize('topics', [['/scan', '/scan_2'], ['/scan']])
@@ -186,7 +183,8 @@ def test_an_upside_down_lidar_becomes_an_upright_one(pair):
     assert np.allclose(upright.points, expected.points, atol=1e-6, equal_nan=True)
 
 
-@pytest.mark.parametrize('topics', [('/scan', '/scan_2'), ('/scan_2', '/scan')], ids=['second', 'first'])
+@pytest.mark.parametrize('topics', [('/scan', '/scan_2'), pytest.param(('/scan_2', '/scan'), marks=pytest.mark.long)],
+                         ids=['second', 'first'])
 def test_the_mask_hides_a_mast_from_the_lidar_that_sees_it(scans, tmp_path, topics):
     """A mast 0.2 m from the rear lidar: with the mask the result is that of a lidar without returns there."""
     bearings = scans['/scan_2'][0].geometry.bearings

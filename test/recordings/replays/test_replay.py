@@ -6,10 +6,8 @@ import json
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
-import time
 import zipfile
 
 import numpy as np
@@ -47,24 +45,29 @@ def names(folder):
     return {file.name for file in folder.iterdir()}
 
 
-@pytest.mark.parametrize(('path', 'expected'), [
-    ('lms511/static', ('static', 173, 4101310801000, set())),
-    pytest.param('urg04lx/exp1', ('exp1', 756, 212387282000, set()), marks=pytest.mark.long),
-    ('ccny_demo/demo.bag', ('demo', 360, 1282836370970876375, set())),
-    ('aces/aces.log.gz', ('aces', 440, 21019900000, {'truth.tum'})),
+@pytest.mark.parametrize(('words', 'expected'), [
+    (['lms511/static'], ('static', 173, 4101310801000, set())),
+    pytest.param(['urg04lx/exp1'], ('exp1', 756, 212387282000, set()), marks=pytest.mark.long),
+    (['ccny_demo/demo.bag'], ('demo', 360, 1282836370970876375, set())),
+    (['aces/aces.log.gz', '--close-loops'], ('aces', 440, 21019900000, {'truth.tum', 'closed.tum', 'map_closed.png'})),
 ])
-def test_a_recording_becomes_a_folder_of_results(data, replay, tmp_path, capsys, path, expected):
+def test_a_recording_becomes_a_folder_of_results(data, replay, tmp_path, capsys, words, expected):
+    """Where the log has corrected poses, they are the truth."""
     name, count, first, more = expected
-    assert replay(path) == 0
+    assert replay(*words) == 0
     latest = tmp_path / name / 'latest'
     assert names(latest) == FILES | more
     assert names(latest.parent) == {'latest', latest.resolve().name} and names(tmp_path) == {name}
     stamps, poses = read_tum(latest / 'trajectory.tum')
-    assert stamps.tolist() == open_recording(data / path).stamps() and len(stamps) == count and stamps[0] == first
+    assert stamps.tolist() == open_recording(data / words[0]).stamps() and len(stamps) == count and stamps[0] == first
     assert poses[0].tolist() == [0.0, 0.0, 0.0] and np.isfinite(poses).all()
     assert 0.003 < picture(latest / 'map.png').mean() < 0.5
-    assert (orange(latest / 'map.png') > 300) == bool(more)
+    assert {orange(latest / each) > 300 for each in names(latest) if each.endswith('.png')} == {bool(more)}
     printed = capsys.readouterr().out
+    measured = re.search(r'(?ms)^over 1 m +mean \d+\.\d+ m .*^over 5 m +mean .*^position +\d+\.\d+ m', printed)
+    assert bool(measured) == bool(more)
+    if more:
+        assert stamps.tolist() == read_tum(latest / 'truth.tum')[0].tolist()
     assert re.search(rf'^scans +{count} skipped 0 ', printed, re.MULTILINE)
     assert re.search(r'^time +median \d+\.\d\d ms, p95 \d+\.\d\d ms per scan; processor time \d+\.\d\d ms per scan$',
                      printed, re.MULTILINE)
@@ -184,16 +187,6 @@ def test_the_intel_log_is_scored_by_its_relations_and_its_reference(replay, tmp_
     assert names(latest) == FILES | {'closed.tum', 'map_closed.png', 'truth.tum'}
     assert read_tum(latest / 'closed.tum')[0].tolist() == read_tum(latest / 'trajectory.tum')[0].tolist()
     assert 0.003 < picture(latest / 'map_closed.png').mean() < 0.5
-
-
-def test_corrected_poses_in_the_log_are_the_truth(replay, tmp_path, capsys):
-    assert replay('aces/aces.log.gz', '--close-loops') == 0
-    printed = capsys.readouterr().out
-    assert re.search(r'(?ms)^over 1 m +mean \d+\.\d+ m .*^over 5 m +mean .*^position +\d+\.\d+ m', printed)
-    latest = tmp_path / 'aces' / 'latest'
-    stamps, _ = read_tum(latest / 'truth.tum')
-    assert stamps.tolist() == read_tum(latest / 'trajectory.tum')[0].tolist()
-    assert min(orange(latest / name) for name in ('map.png', 'map_closed.png')) > 300
 
 
 def orange(path):
@@ -324,30 +317,6 @@ def messages_of(bag):
         return sum(1 for _ in reader.messages())
 
 
-@pytest.mark.parametrize('processes', [pytest.param(1, marks=pytest.mark.long), 2])
-def test_ctrl_c_leaves_valid_files_and_ends_with_130(data, root, tmp_path, processes):
-    with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as whole:
-        (tmp_path / 'long.log').write_text(whole.read() * 4)
-    words = ['replay', 'long.log', 'long.log', '--processes', str(processes)]
-    process = subprocess.Popen([sys.executable, '-m', 'dbscan_reg_ros', *words], cwd=tmp_path,
-                               env=os.environ | {'PYTHONPATH': str(root)}, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60
-
-    def writing():
-        return [bag for bag in tmp_path.glob('results/long/*/bag/*.mcap') if bag.stat().st_size]
-
-    while len(writing()) < processes and time.monotonic() < deadline:
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=60)
-    assert (process.returncode, error) == (130, 'replay: interrupted\n')
-    folders = list((tmp_path / 'results' / 'long').iterdir())
-    assert len(folders) == processes
-    for folder in folders:
-        stamps, _ = read_tum(folder / 'trajectory.tum')
-        assert len(stamps) < 4 * 5505 and messages_of(folder / 'bag') == 3 * len(stamps)
-
-
 def test_nothing_is_written_outside_the_result_folder(data, root, tmp_path):
     """With a home of its own and caches off, every new file is below results/."""
     work, home = tmp_path / 'work', tmp_path / 'home'
@@ -368,7 +337,7 @@ def test_walls_are_single_lines_where_the_poses_are_right(data, tmp_path):
     recording = open_recording(data / 'intel' / 'intel.log.gz')
     _, reference = read_csv(data / 'intel' / 'reference.csv')
     for name, poses in (('right', reference), ('wrong', reference + np.linspace(0, 1, 5505)[:, None] * [1, 1, 0.2])):
-        plot_map(tmp_path / f'{name}.png', recording.scans(), poses, name)
+        plot_map(tmp_path / f'{name}.png', itertools.islice(recording.scans(), 0, None, 4), poses[::4], name)
     right, wrong = (picture(tmp_path / f'{name}.png') for name in ('right', 'wrong'))
     assert right.shape[0] > 1500 and (right > 0.5).mean() > 0.005
     assert (right > 0.1).mean() < 0.8 * (wrong > 0.1).mean()

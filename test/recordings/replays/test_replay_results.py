@@ -107,8 +107,8 @@ def whole(folder, count):
 
 
 @pytest.mark.parametrize(('name', 'count', 'failed'), [
-    ('two_scans', 2, 0), ('four_seconds', 41, 0), ('one_stamp_in_the_future', 60, 1),
-    ('simulated_3_hz_from_its_start', 7, 0), ('ten_scans_no_time_increment', 10, 0)])
+    ('two_scans', 2, 0), ('one_stamp_in_the_future', 60, 1), *(pytest.param(*case, marks=pytest.mark.long) for case in (
+        ('four_seconds', 41, 0), ('simulated_3_hz_from_its_start', 7, 0), ('ten_scans_no_time_increment', 10, 0)))])
 def test_a_recording_that_begins_on_the_move_gives_whole_results(cases, tmp_path, name, count, failed):
     assert main([str(cases / 'replay_starts_in_motion' / name), '--out', str(tmp_path)]) == 0
     folder = tmp_path / name / 'latest'

@@ -49,14 +49,14 @@ def round_room(radius=5.0):
     return World(np.stack((rim[:-1], rim[1:]), axis=1), np.array([[-3.0, 0.0], [0.0, 1.0], [3.0, 0.0]]))
 
 
-@pytest.mark.parametrize('noise', [0.0, 0.003])
 @pytest.mark.parametrize('world, changes', [
     (round_room(), {'resolution': 0.01}), (HALL, {'resolution': 0.1}),
     (rooms(), {'beams': 640, 'angle_min': -0.5, 'angle_increment': 1.0 / 639, 'resolution': 0.02})])
-def test_walls_are_never_no_return(noise, world, changes):
+def test_walls_are_never_no_return(world, changes):
+    """Without noise, as equal ranges are what a code is known by."""
     found = NoReturn()
     assert all(found.removed_from(scan) is scan for scan in drive(world, dataclasses.replace(
-        ALL_ROUND, noise=noise, **changes)))
+        ALL_ROUND, noise=0.0, **changes)))
     assert found.known is None
 
 

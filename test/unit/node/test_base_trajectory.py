@@ -56,7 +56,7 @@ def test_covariances_are_never_zero_and_grow_with_the_path(scans, truth):
     assert traces[-1] > traces[1]
 
 
-@pytest.mark.parametrize('laser', [SE2(), SE2(0.3, 0.0, math.pi / 2.0), SE2(0.0, 0.0, -math.pi / 2.0)])
+@pytest.mark.parametrize('laser', [SE2(0.3, 0.0, math.pi / 2.0), SE2(0.0, 0.0, -math.pi / 2.0)])
 def test_the_twist_is_in_the_frame_of_the_base(scans, truth, laser):
     """The laser may look sideways and sit ahead: its own velocity is quite another."""
     expected = [(a.inverse() @ b).as_array() / 0.1 for a, b in itertools.pairwise(of_base(truth, laser))]

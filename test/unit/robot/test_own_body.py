@@ -32,7 +32,7 @@ def searched(simulation, upto=math.inf):
     return body.sectors, found
 
 
-@pytest.fixture(scope='module', params=range(3))
+@pytest.fixture(scope='module', params=range(2))
 def drive(request):
     world = rooms(seed=request.param)
     return world, follow(world.tour[:6], speed=1.5)

@@ -103,11 +103,8 @@ def test_ranges_agree_with_shapely_over_1000_random_beams():
     np.testing.assert_allclose(ours, theirs, atol=1e-3)
 
 
-@pytest.mark.parametrize('lidar', [
-    EXACT,
-    Lidar(noise=0.0, mounting=SE2(0.2, -0.1, 0.7)),
-    exact('rplidar_a'),
-], ids=['plain', 'mounted', 'clockwise'])
+@pytest.mark.parametrize('lidar', [Lidar(noise=0.0, mounting=SE2(0.2, -0.1, 0.7)), exact('rplidar_a')],
+                         ids=['mounted', 'clockwise'])
 def test_truth_lays_every_return_on_a_surface(lidar):
     world = rooms(1)
     result = simulate(world, follow(world.tour[:2]), lidar)
