@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import dbscan_reg_ros
+from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.robot.parameter_files import read_parameters
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
@@ -38,6 +39,11 @@ def test_every_document_is_linked_to_from_the_first_page(root, index, folder):
     links = {(root / index).parent / link for link in re.findall(r'\]\(([^)#]+)', (root / index).read_text())}
     documents = {path for path in (root / folder).glob('*.md') if path.name != 'index.md'}
     assert documents and documents <= links
+
+
+def test_every_command_has_its_line_in_the_readme(root):
+    table = (root / 'README.md').read_text().partition('## Commands')[2].partition('##')[0]
+    assert set(re.findall(r'^\| `(\w+)', table, re.MULTILINE)) == set(COMMANDS)
 
 
 def test_the_architecture_names_every_module_of_the_core_and_every_folder(root):
@@ -89,16 +95,6 @@ def test_messages_that_the_quick_start_quotes_are_those_of_the_node(root):
               for part in re.split(r' ?\.\.\.|[:;] ', message) if part.strip()]
     source = '\n'.join(text for path in (root / 'dbscan_reg_ros' / 'node').rglob('*.py') for text in texts(path))
     assert len(quoted) >= 8 and [part for part in quoted if part not in source] == []
-
-
-def test_messages_on_failing_scanners_are_those_of_the_node(root):
-    section = (root / 'doc' / 'node.md').read_text().partition('## A scanner fails')[2].partition('\n## ')[0]
-    cells = [line.split(' | ')[2] for line in section.splitlines() if line.startswith('| ')][1:]
-    quoted = [part for cell in cells for message in re.findall(r'`([^`]*)`', cell) if ' ' in message
-              for part in re.split(r'\.\.\.|[:;] |/\w+/?\w* ?|\d+(?:\.\d+)?| behind ', message) if part.strip()]
-    source = '\n'.join([*(text for path in (root / 'dbscan_reg_ros').rglob('*.py') for text in texts(path)),
-                        *(path.read_text() for path in (root / 'dbscan_reg_ros').rglob('*.pyx'))])
-    assert len(quoted) >= 8 and [part for part in quoted if part.strip() not in source] == []
 
 
 @pytest.mark.parametrize('name', DOCUMENTS)

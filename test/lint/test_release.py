@@ -68,14 +68,6 @@ def test_the_container_installs_the_manifest_and_builds_the_package(root):
     assert (root / '.devcontainer' / container['build']['dockerfile']).exists()
 
 
-@pytest.mark.parametrize('name', ['fault', 'feature'])
-def test_templates_of_issues_are_complete(root, name):
-    form = yaml.safe_load((root / '.github' / 'ISSUE_TEMPLATE' / f'{name}.yml').read_text())
-    assert {'name', 'description', 'body'} <= set(form)
-    assert all(part['id'] and part['attributes']['label'] for part in form['body'])
-    assert any(part.get('validations', {}).get('required') for part in form['body'])
-
-
 def test_workflows_name_what_is_there(root):
     for path in (root / '.github' / 'workflows').glob('*.yml'):
         steps = [step for job in yaml.safe_load(path.read_text())['jobs'].values() for step in job['steps']]

@@ -17,7 +17,6 @@ from dbscan_reg_ros import Scan, ScanGeometry
 from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.interfaces.graph_checks import full_name, named
 from dbscan_reg_ros.node.interfaces.messages import scan_to_message
-from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
 START = 1_700_000_000 * 10**9
 
@@ -100,19 +99,6 @@ def test_between_two_walls_the_degenerate_direction_is_reported(node, player, pe
                           math.pi) == pytest.approx(0.0, abs=0.05)
     assert 'along 29 deg' in reported[0].message or 'along 28 deg' in reported[0].message
     assert int(values(reported[-1])['status degenerate']) > 0
-
-
-def test_a_lidar_that_sees_the_robot_itself_is_named(node, player, peer, reports):
-    world = rooms(seed=1)
-    lidar = Lidar(beams=360, angle_min=-math.pi + 0.01, rate=5.0, body=((0.5, 0.9, 0.3),))
-    player.wait_for_node(TIMEOUT)
-    received = reports()
-    with peer.spinning():
-        assert player.play(simulate(world, follow(world.tour[:4], speed=2.0), lidar, seed=1).scans).lost == 0
-    text = 'sees the robot itself: from 26 to 54 deg at 0.29 m'
-    report = diagnosis(peer, received, lambda s: text in s.message)
-    assert level(report) in ('warn', 'stale')
-    said(node, f'{text}; set input.mask to [0.454, 0.942, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], which includes a margin', peer)
 
 
 def test_lost_is_an_error_with_the_reason(node, player, peer, reports, scans):

@@ -137,15 +137,6 @@ def test_a_mounting_that_is_sent_again_keeps_the_pose_and_is_named(start_command
     assert 'max_' not in node.output() and 'could not be registered' not in node.output()
 
 
-def test_two_lasers_on_one_topic_are_named(node, player, peer, scans):
-    answers = played(player, [Scan(s.stamp, s.ranges, s.geometry, s.time_increment, frame)
-                              for s, frame in zip(scans[:6], ['front', 'rear'] * 3, strict=True)])
-    assert answers.lost == 0
-    said(node, "the scans change from the frame 'front' to 'rear'", peer)
-    assert 'give each laser a topic of its own, and name them in scan_topics' in node.output()
-    assert node.output().count('the scans change') == 1
-
-
 @pytest.mark.long
 def test_transforms_whose_stamps_start_again_are_taken(start_command, player, peer, scans_and_truth, tf_type):
     """The base stands still on the spot where the sensor starts.

@@ -64,40 +64,6 @@ def distances(poses, base_at):
     return np.array([math.hypot(error.x, error.y) for error in errors])
 
 
-def test_the_odometry_equals_that_of_two_topics(start_command, peer, drive, tf_type):
-    """The first node has both lidars on one topic, the other one has a topic for each.
-
-    Until the periods of the lidars are known, a scan does not wait for those of the other topic, which come in any
-    order.
-    """
-    scans, base_at = drive
-    results = []
-    for topics, words in ((MERGED, []), (SPLIT, ['-p', 'scan_topics:=[front/scan, rear/scan]'])):
-        node = start_command('scan_matcher', '--ros-args', '-p', 'advanced.input.reorder:=1.0', '-p',
-                             'advanced.input.queue_size:=50',
-                             *words)
-        said(node, 'ready: ', peer)
-        Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(transforms(tf_type))
-        lidars, statuses = Lidars(peer, topics), peer.listen(DiagnosticArray, '/diagnostics')
-        lidars.play(scans[:60])
-        names = ['/scan:front', '/scan:rear'] if topics is MERGED else ['/front/scan', '/rear/scan']
-        report = diagnosis(peer, statuses, lambda status: status.level == b'\0' and any(
-            value.key == 'scans received' and int(value.value) == 60 for value in status.values))
-        values = {value.key: value.value for value in report.values}
-        assert [int(values[f'{name}: scans received']) for name in names] == [
-            sum(scan.frame_id == frame for scan in scans[:60]) for frame in MOUNTINGS]
-        assert all(values[f'{name}: scans {what}'] == '0' for name in names for what in ('dropped', 'skipped'))
-        assert node.output().count(ANOTHER) == (topics is MERGED) and 'change from the frame' not in node.output()
-        results.append(lidars.poses())
-        node.stop()
-    merged, split = results
-    assert merged.keys() == split.keys() == {scan.stamp for scan in scans[:60] if scan.frame_id == 'front'}
-    for number, (stamp, pose) in enumerate(merged.items()):
-        error = split[stamp].inverse() @ pose
-        assert max(math.hypot(error.x, error.y), abs(error.theta)) < (0.01 if number < 8 else 1e-6)
-    assert distances(merged, base_at).max() < 0.03
-
-
 def test_a_lidar_that_begins_later_joins_without_a_jump(start_command, peer, drive, tf_type):
     """Its transform comes even later; then the first lidar becomes silent."""
     scans, base_at = drive

@@ -231,17 +231,6 @@ def test_transforms_of_another_node_give_the_motion(start_with, player, peer, sc
         assert error.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
 
 
-@pytest.mark.parametrize('source', ['none'])
-def test_without_a_source_the_odometry_goes_by_its_own(start_with, player, peer, scans_and_truth, tmp_path, source):
-    scans, truth = scans_and_truth
-    start_with(source, *PLACE)
-    player.wait_for_node(TIMEOUT)
-    answers = player.play(scans[:20])
-    assert answers.lost == 0
-    assert distances(answers.messages, of_base(truth[:20], LASER)).max() < 0.05
-    assert [update.prior for update in priors_taken(peer, tmp_path)] == 20 * [None]
-
-
 def test_a_prior_from_our_own_frame_is_refused(start_with):
     node = start_with('tf', '-p', 'prior.frame:=odom')
     assert node.wait(TIMEOUT) == 2

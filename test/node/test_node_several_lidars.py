@@ -9,7 +9,7 @@ from collections import deque
 import numpy as np
 import pytest
 import rclpy  # noqa: F401 - needs ROS
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from ros_helpers import LATCHED, Loudspeaker, Parameters, changed, diagnosis, pose_of, said, transform
 from sensor_msgs.msg import LaserScan
@@ -133,43 +133,6 @@ def test_two_lidars_give_one_odometry_and_either_may_be_missing(start_command, p
     for message, stamp in zip(found, stamps, strict=True):
         true = origin.inverse() @ base_at(stamp)
         pose = pose_of(message)
-        assert math.hypot(pose.x - true.x, pose.y - true.y) < 0.03
-
-
-def test_a_lidar_that_repeats_a_scan_while_the_robot_drives_is_named_and_not_used(start_command, peer, drive, tf_type):
-    """First the rear lidar, then the front one: odometry then comes with the scans of the rear one."""
-    scans, base_at = drive
-    node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]')
-    said(node, 'ready: ', peer)
-    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(
-        transforms=[transform('base_link', name, at) for name, at in (('front', FRONT), ('rear', REAR))]))
-    lidars, found, statuses = loudspeakers(peer), [], peer.listen(DiagnosticArray, '/diagnostics')
-    frozen = {'rear': (2.0, 2.8), 'front': (3.2, 4.4)}
-    sent, latest = [], {}
-    for scan in scans:
-        seconds = 1e-9 * (scan.stamp - scans[0].stamp)
-        begin, end = frozen[scan.frame_id]
-        if not begin <= seconds < end:
-            latest[scan.frame_id] = scan.ranges
-        sent.append((seconds, dataclasses.replace(scan, ranges=latest[scan.frame_id])))
-    for begin, end, waited_for, named in ((0.0, 2.8, 'front', 'rear'), (2.8, 3.2, 'front', None),
-                                          (3.2, 3.5, None, None), (3.5, 4.4, 'rear', 'front')):
-        found += played(peer, [scan for seconds, scan in sent if begin <= seconds < end], 0, lidars, waited_for)
-        if named:
-            expected = f'/{named}/scan: the lidar repeats the same scan: its 361 ranges are those of '
-            # It is sent on, as on a busy machine a report may come when the lidar counts as silent.
-            last = next(scan for seconds, scan in reversed(sent) if seconds < end and scan.frame_id == named)
-            report = lidars[named].until(lambda expected=expected: next(
-                (status for message in statuses for status in message.status if expected in status.message), None),
-                scan_to_message(last))
-            assert report.level == DiagnosticStatus.WARN
-            said(node, f'/{named}/scan: scan skipped: the lidar repeats the same scan: its 361 ranges are those of ',
-                 peer)
-    stamps = [in_nanoseconds(message.header.stamp) for message in found]
-    assert stamps == sorted(set(stamps)) and max(np.diff(stamps)) < 300 * MS
-    origin = base_at(stamps[0])
-    for message, stamp in zip(found, stamps, strict=True):
-        true, pose = origin.inverse() @ base_at(stamp), pose_of(message)
         assert math.hypot(pose.x - true.x, pose.y - true.y) < 0.03
 
 

@@ -15,8 +15,8 @@ from dbscan_reg_ros.command_lines import COMMANDS
 from dbscan_reg_ros.requirements import EXTRA, NEEDS, ROS, ROS_WHEELS, SOURCES, WITH_EXTRA, missing_line
 
 WORDS = {
-    'scan_matcher': [], 'scan_matcher_lifecycle': [], 'replay': ['a.log'], 'register': ['a.log', '0', '1', '--no-figures'],
-         'play': ['a.log'],
+    'scan_matcher': [], 'scan_matcher_lifecycle': [], 'replay': ['a.log'], 'play': ['a.log'],
+    'register': ['a.log', '0', '1', '--no-figures'],
     'demo': [], 'compare': ['defaults', 'icp', 'a.log'], 'tune': ['a.log'], 'simulate': ['b.log'],
     'convert': ['a.log', 'b.log'], 'watch': [], 'calibrate': ['a.log', '--topic', '/a'],
 }
