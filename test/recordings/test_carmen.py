@@ -111,13 +111,14 @@ def test_odom_lines_between_the_scans_of_a_raw_log_are_no_correction(tmp_path, l
 
 
 def test_the_wheels_of_a_laser_that_knows_no_pose_are_the_odom_lines_at_its_stamps(tmp_path):
-    lines = []
-    for k in range(10):
-        lines += [odom(k, (0.2 * k, 0.0, 0.0)), robotlaser(1, k + 0.25, 'RAWLASER')]
+    """Several scans between two lines of the wheels."""
+    lines, times = [], np.add.outer(np.arange(10), (0.25, 0.5, 0.75))
+    for k, each in enumerate(times):
+        lines += [odom(k, (0.2 * k, 0.0, 0.0)), *(robotlaser(1, time, 'RAWLASER') for time in each)]
     recording = open_recording(write_log(tmp_path / 'a.log', *lines, odom(10, (2.0, 0.0, 0.0))))
     stamps, poses = recording.wheel_odometry()
-    assert stamps.tolist() == recording.stamps() == [k * 10**9 + 250_000_000 for k in range(10)]
-    assert np.abs(poses[:, 0] - 0.2 * (np.arange(10) + 0.25)).max() < 1e-9
+    assert stamps.tolist() == recording.stamps() == (1e9 * times.ravel()).astype(int).tolist()
+    assert np.abs(poses[:, 0] - 0.2 * times.ravel()).max() < 1e-9
     assert recording.truth() is None
 
 

@@ -12,6 +12,8 @@ from bags import SECOND, laser_scan, text, write_bag
 
 from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.recordings import data_folder, find_recording, open_recording
+from dbscan_reg_ros.recordings.bags.messages import MessageMaker
+from dbscan_reg_ros.recordings.message_fields import pose_only_fields
 
 
 def flaser(ranges, stamp='12.5', pose='1 2 0.5', odometry='1 2 0.5'):
@@ -346,3 +348,17 @@ def test_a_data_folder_that_was_named_has_to_exist(tmp_path, monkeypatch):
     assert find_recording(tmp_path) == tmp_path
     with pytest.raises(RecordingError, match='absent: no such folder of recordings'):
         find_recording('intel/intel.log.gz')
+
+
+@pytest.mark.parametrize(('corrected', 'known'), [(0.5, True), (0.0, False)])
+def test_poses_of_the_laser_in_a_bag_are_the_truth_only_where_they_differ_from_the_wheels(tmp_path, corrected, known):
+    maker, kind = MessageMaker(), 'nav_msgs/msg/Odometry'
+    rows = [('/scan', k * SECOND, laser_scan(k * SECOND)) for k in range(1, 6)]
+    for topic, factor in (('/odom', 0.0), ('/laser_pose', corrected)):
+        rows += [(topic, k * SECOND, bytes(maker.serialize(kind, pose_only_fields(
+            k * SECOND, 'laser', (0.1 * k, factor * k, 0.0))))) for k in range(1, 6)]
+    recording = open_recording(write_bag(tmp_path / 'bag', rows, kinds=dict.fromkeys(('/odom', '/laser_pose'), kind)))
+    assert recording.wheel_odometry()[1][:, 0] == pytest.approx(0.1 * np.arange(1, 6))
+    truth = recording.truth()
+    assert (truth is not None) == known
+    assert truth is None or truth[1][:, 1] == pytest.approx(corrected * np.arange(1, 6))
