@@ -108,6 +108,14 @@ def test_a_pair_of_a_recording_in_numbers_and_pictures(intel, pair, tmp_path, ca
     check_pictures(latest)
 
 
+@pytest.mark.long
+def test_the_pictures_of_the_paper_and_of_a_snapshot(intel, snapshot, tmp_path):
+    assert intel(REFERENCE, CURRENT, '--method', 'paper') == 0
+    check_pictures(tmp_path / f'intel_{REFERENCE}_{CURRENT}' / 'latest')
+    assert main([str(snapshot), '--out', str(tmp_path)]) == 0
+    check_pictures(tmp_path / 'kept_5' / 'latest')
+
+
 def printed_error(text):
     return [float(value) for value in re.search(r'^error +(\S+) m  (\S+) deg$', text, re.MULTILINE).groups()]
 
@@ -144,14 +152,13 @@ def test_a_parameter_of_the_paper_leads_to_its_method(intel, tmp_path, capsys):
 def test_the_paper_to_the_letter_with_a_truth_of_ones_own(intel, data, tmp_path, capsys):
     stamps = open_recording(data / 'intel' / 'intel.log.gz').stamps()
     write_tum(tmp_path / 'own.tum', [stamps[CURRENT], stamps[REFERENCE]], [(0.0, 1.0, 0.0), (0.0, 0.0, math.pi / 2)])
-    assert intel(REFERENCE, CURRENT, '--method', 'paper', '--truth', tmp_path / 'own.tum') == 0
+    assert intel(REFERENCE, CURRENT, '--method', 'paper', '--truth', tmp_path / 'own.tum', '--no-figures') == 0
     text = capsys.readouterr().out
     x, y, degrees = printed_motion(text)
     assert math.dist((x, y), TRUTH[:2]) < 0.05 and '\nhypotheses  2, best first\n' in text
     assert text.startswith('status      found (the method of the paper has no check)\n') and 'covariance' not in text
     assert printed_motion(text, 'true') == pytest.approx((1.0, 0.0, -90.0), abs=1e-4)
     assert printed_error(text) == pytest.approx([math.dist((x, y), (1.0, 0.0)), degrees + 90.0], abs=2e-3)
-    check_pictures(tmp_path / f'intel_{REFERENCE}_{CURRENT}' / 'latest')
     assert intel(REFERENCE, 700, '--truth', tmp_path / 'own.tum') == 2
     assert 'own.tum: has no pose at the stamps of both scans, ' in capsys.readouterr().err
     assert intel(REFERENCE, '--figure4', '--truth', tmp_path / 'own.tum') == 2
@@ -182,13 +189,12 @@ def test_the_largest_panel_of_the_sheet_is_the_overlay_and_plans_mark_the_sensor
                                   if len(line.get_xdata()) == 1 and isinstance(line.get_marker(), tuple)}
 
 
-def test_the_last_scan_of_a_snapshot_as_the_node_registered_it(snapshot, updates, tmp_path, capsys):
-    assert main([str(snapshot), '--out', str(tmp_path)]) == 0
+def test_the_last_scan_of_a_snapshot_as_the_node_registered_it(snapshot, updates, capsys):
+    assert main([str(snapshot), '--no-figures']) == 0
     text, transform = capsys.readouterr().out, updates[-1].registration.transform
     assert text.startswith('status      ok\n')
     printed = printed_motion(text)
     assert printed == pytest.approx([transform.x, transform.y, math.degrees(transform.theta)], abs=6e-4)
-    check_pictures(tmp_path / 'kept_5' / 'latest')
 
 
 def test_a_scan_of_a_snapshot_with_other_parameters_is_registered_again(snapshot, updates, tmp_path, capsys):

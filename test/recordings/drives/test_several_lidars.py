@@ -97,7 +97,7 @@ def test_a_replay_uses_both_lidars_and_names_them(pair, tmp_path, capsys):
     assert found['ok'] > 0.95 * found['scans'] and found['rpe_5m_mean_m'] < 0.01
 
 
-@pytest.mark.parametrize('topics', [['/scan', '/scan_2'], ['/scan']])
+@pytest.mark.parametrize('topics', [pytest.param(['/scan', '/scan_2'], marks=pytest.mark.long), ['/scan']])
 def test_the_files_of_poses_may_contain_those_of_the_base(pair, topics, tmp_path, capsys):
     """By the recorded mounting: equal to /odom in the bag of the replay, which the node would publish."""
     from rosbags.highlevel import AnyReader

@@ -48,7 +48,7 @@ def names(folder):
 @pytest.mark.parametrize(('words', 'expected'), [
     (['lms511/static'], ('static', 173, 4101310801000, set())),
     pytest.param(['urg04lx/exp1'], ('exp1', 756, 212387282000, set()), marks=pytest.mark.long),
-    (['ccny_demo/demo.bag'], ('demo', 360, 1282836370970876375, set())),
+    pytest.param(['ccny_demo/demo.bag'], ('demo', 360, 1282836370970876375, set()), marks=pytest.mark.long),
     (['aces/aces.log.gz', '--close-loops'], ('aces', 440, 21019900000, {'truth.tum', 'closed.tum', 'map_closed.png'})),
 ])
 def test_a_recording_becomes_a_folder_of_results(data, replay, tmp_path, capsys, words, expected):

@@ -170,7 +170,8 @@ PARTS = {
 }
 
 
-@pytest.mark.parametrize('part', PARTS)
+@pytest.mark.parametrize('part', [part if k % 2 else pytest.param(part, marks=pytest.mark.long)
+                                  for k, part in enumerate(PARTS)])
 def test_a_fault_of_the_reporting_is_one_line_and_costs_no_result(replay, rotating, tmp_path, capsys, monkeypatch,
                                                                   part):
     place, others = PARTS[part]
