@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Installation by colcon, bloom or pip."""
+"""Installation by colcon, bloom or pip: what is compiled and installed where; pyproject.toml describes the package."""
 import hashlib
 import importlib.util
 import os
@@ -105,18 +105,14 @@ class SourceDistribution(sdist):
 setup(
     name=PACKAGE,
     version='0.1.0',
-    description='2D lidar odometry by registration of line segments with DBSCAN clustering',
     license='Apache-2.0',
+    python_requires='>=3.10',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['py.typed', 'replays/page/*.html', 'replays/page/*.css', 'replays/page/*.js',
                             *(str(path.relative_to(PACKAGE)) for suffix in ('pyi', 'pyx', 'pxd')
                               for path in sorted(CORE.rglob(f'*.{suffix}')))]},
     ext_modules=extensions(),
     cmdclass={'build_ext': BuildExtensions, 'sdist': SourceDistribution},
-    python_requires='>=3.10',
-    install_requires=['numpy>=1.26', 'scipy>=1.11.4', 'scikit-learn>=1.4.1', 'PyYAML'],
-    extras_require={'commands': ['matplotlib', 'pillow', 'rosbags', 'tqdm'], 'cluster': ['distributed'],
-                    'tune': ['optuna'], 'test': ['hypothesis', 'pytest']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

@@ -12,8 +12,8 @@ from dbscan_reg_ros.robot.parameter_files import read_parameters
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
 ROOT = Path(__file__).resolve().parents[2]
-DOCUMENTS = ['README.md', '.github/CONTRIBUTING.md', '.github/SECURITY.md',
-             *sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob('doc/**/*.md'))]
+DOCUMENTS = sorted(path.relative_to(ROOT).as_posix() for pattern in ('README.md', '.github/*.md', 'doc/**/*.md')
+                   for path in ROOT.glob(pattern))
 
 
 def anchors(text):

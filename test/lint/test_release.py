@@ -23,19 +23,25 @@ def citation(root):
     return yaml.safe_load((root / '.github' / 'CITATION.cff').read_text())
 
 
-def test_one_version_everywhere_and_its_changes_are_forthcoming(root, manifest, citation):
+def test_the_version_is_written_where_a_release_raises_it_and_its_changes_are_listed(root, manifest, citation):
     version = manifest.findtext('version')
     assert re.fullmatch(r'\d+\.\d+\.\d+', version)
     assert f"version='{version}'" in (root / 'setup.py').read_text()
-    assert citation['version'] == version
-    assert re.search(r'^Forthcoming\n-+\n\* ', (root / 'CHANGELOG.rst').read_text(), re.MULTILINE)
+    assert 'version' not in citation and version not in (root / 'README.md').read_text()
+    newest = re.search(r'^(.+)\n-+\n\* ', (root / 'CHANGELOG.rst').read_text(), re.MULTILINE)[1]
+    assert newest == 'Forthcoming' or re.fullmatch(rf'{re.escape(version)} \(\d{{4}}-\d\d-\d\d\)', newest)
 
 
 def test_what_is_not_known_yet_is_in_one_file(root, placeholders, manifest, citation):
-    maintainer = manifest.find('maintainer')
-    assert (maintainer.text, maintainer.get('email')) == (placeholders['maintainer'], placeholders['email'])
-    assert citation['authors'] == [{'name': placeholders['maintainer']}]
-    assert [url.text for url in manifest.findall('url')] == list(filter(None, [placeholders['repository']]))
+    maintainer, email = placeholders['maintainer'], placeholders['email']
+    assert (manifest.findtext('maintainer'), manifest.find('maintainer').get('email')) == (maintainer, email)
+    assert manifest.findtext('author') == maintainer and citation['authors'] == [{'name': maintainer}]
+    project = (root / 'pyproject.toml').read_text()
+    assert f'maintainers = [{{name = "{maintainer}", email = "{email}"}}]' in project
+    assert re.findall(r'^\* (.*)$', (root / '.github' / 'CODEOWNERS').read_text(), re.MULTILINE) == [email]
+    addresses = [*filter(None, (placeholders['repository'], placeholders['documentation']))]
+    assert [url.text for url in manifest.findall('url')] == addresses
+    assert all(f'"{address}"' in project for address in addresses)
 
 
 def test_the_authors_of_the_paper_are_those_of_the_citation_in_readme(root, citation):

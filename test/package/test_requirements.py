@@ -98,8 +98,8 @@ def test_pictures_and_the_method_of_the_paper_need_more(without, words, needed):
 
 
 def test_the_extra_of_the_package_has_what_the_commands_need(root):
-    extra = re.search(r"'commands': \[(.*?)\]", (root / 'setup.py').read_text())[1]
-    assert {SOURCES[module].pypi for module in EXTRA} <= set(re.findall(r"'(\w+)'", extra))
+    extra = re.search(r'^commands = \[(.*?)\]', (root / 'pyproject.toml').read_text(), re.MULTILINE)[1]
+    assert {SOURCES[module].pypi for module in EXTRA} <= set(re.findall(r'"(\w+)"', extra))
     assert {module for needs in NEEDS.values() for module in needs} - {'sklearn', ROS} == {
         'numpy', 'scipy', 'yaml', 'matplotlib', 'tqdm'}
 
