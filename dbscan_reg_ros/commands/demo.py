@@ -185,7 +185,7 @@ def _report(recording, answers, mounting, out, faults):
     from ..evaluation.metrics import begun_like
     from ..figures.plots import plot_map
     from ..recordings import write_tum
-    from ..replays.sensor_mounting import turned
+    from ..replays.lidars import turned
 
     poses = answers.poses()
     answered = np.isfinite(poses).all(axis=1)

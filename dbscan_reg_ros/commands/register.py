@@ -155,8 +155,8 @@ def _used(several):
 
 def _moved(path, args, parameters):
     """Return a `Pair` of a scan and the same scan moved by the motion of the example in the paper."""
+    from ..core.paper.pipeline import PAPER_MOTION, moved
     from ..core.parameters.tree import Parameters
-    from ..evaluation.figure4 import PAPER_MOTION, moved
 
     numbers = args.numbers
     if len(numbers) > 1 or min(numbers, default=0) < 0:
@@ -260,9 +260,7 @@ def _true_motion(recording, first, second, truth):
 
 def _scans(path, args, numbers, parameters):
     """Return the lidars of a recording, each a `MeasuringLidar`, and the scans `Found` by their numbers."""
-    from ..replays.lidars import Lidars, parse_mountings
-    from ..replays.several_lidars.measured_scans import measuring_lidars
-    from ..replays.several_lidars.scan_order import find_scans
+    from ..replays.lidars import Lidars, find_scans, measuring_lidars, parse_mountings
 
     if args.mounting and len(args.topic) <= 1:
         raise CommandError(f'--mounting {" ".join(args.mounting[0])}: expected --topic of several lidars; the motion '

@@ -274,7 +274,7 @@ def _replayed(results, lines, broken) -> Replayed:
 def _follow(results, mounting, odometry):
     """Run the odometry over the scans; pass each update to the trajectory, the bag and the report."""
     from ..replays.bag import odometry_bag, writes_bags
-    from ..replays.sensor_mounting import prepared
+    from ..replays.lidars import prepared
     from .workers import watched
 
     recording, parameters = results.recording, results.parameters

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..core.errors import ParameterError
 from ..endings import interruptible
+from ..requirements import is_there
 from .command_line import (
     SEVERAL,
     CommandError,
@@ -158,9 +159,7 @@ def _recordings(args, lidars, start):
 
 def _settings(args, task, start, axes):
     """Return the settings that determine the result of the search, for `Study`."""
-    from ..tuning.searches import has_optuna
-
-    search = args.search if args.search != 'auto' else 'optuna' if has_optuna() else 'random'
+    search = args.search if args.search != 'auto' else 'optuna' if is_there('optuna') else 'random'
     values = start.flatten()
     return {'files': [str(path) for path in task.paths],
             'scans': task.limit, 'seed': args.seed, 'objective': task.objective, 'search': search,

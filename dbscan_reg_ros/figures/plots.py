@@ -49,7 +49,7 @@ class MapPoints:
     count : int
         Number of scans of the map.
     yaw : float
-        Angle [rad] by which `sensor_mounting.turned` rotated the scans.
+        Angle [rad] by which `lidars.turned` rotated the scans.
     """
 
     def __init__(self, count, yaw=0.0):

@@ -15,7 +15,7 @@ from ..core.geometry.mounting import Mounting
 from ..core.geometry.se2 import SE2
 from ..core.registration.records import Prior
 from ..core.scan import in_nanoseconds
-from ..robot.external_prior import measured_prior, sensor_prior
+from ..robot.base_state import measured_prior, sensor_prior
 from ..robot.parameter_groups import NodePriorParameters
 from ..robot.parameters import NodeParameters
 from ..robot.pose_history import HeadingHistory, PoseHistory

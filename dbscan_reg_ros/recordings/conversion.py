@@ -13,8 +13,7 @@ from ..core.errors import RecordingError
 from ..core.scan import SECOND
 from ..paths import check_writable
 from .bags.bag import LASER_SCAN, ODOMETRY
-from .bags.bag_library import bag_library, is_ros1
-from .bags.reading import open_reader, own
+from .bags.reading import bag_library, is_ros1, open_reader, own
 from .carmen.lines import SETTINGS, format_line, settings_of
 from .kept_part import Kept, messages_of_part
 from .message_fields import pose_only_fields, scan_fields

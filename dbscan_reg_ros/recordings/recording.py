@@ -14,8 +14,7 @@ from ..core.geometry.mounting import Mounting
 from ..core.scan import Scan
 from .checks.scan_checks import ScanWatch
 from .message_fields import pose_only_fields
-from .playback import ODOMETRY, Channel, Played
-from .schedule import Schedule
+from .playback import ODOMETRY, Channel, Played, Schedule
 
 MOST_PROBLEMS = 1000
 """Maximum number of damaged parts of a recording that are named."""

@@ -14,8 +14,8 @@ from ..core.odometry.calibration.compared_lidar import ComparedLidar
 from ..core.odometry.calibration.comparisons import LidarComparisons
 from ..core.odometry.calibration.relative_pose import Disagreement, difference
 from ..core.odometry.pipeline import Odometry
+from .lidars import prepared
 from .odometry import ReplayOdometry
-from .sensor_mounting import prepared
 
 NOT_OBSERVABLE = 'not observable'
 NAMES = 'x', 'y', 'yaw', 'time offset'

@@ -3,20 +3,23 @@
 import math
 from dataclasses import dataclass, field, replace
 from itertools import chain
+from typing import NamedTuple
 
 from ..core.errors import RecordingError
 from ..core.geometry.mounting import Mounting, MountingError
 from ..core.geometry.se2 import SE2
 from ..core.parameters.features import ScanParameters
+from ..core.scan import Scan
+from ..core.scan_geometry import ScanGeometry
 from ..core.sensor import Sensor
 from ..recordings import open_recording
 from ..recordings.bags.clouds import CloudParameters
 from ..recordings.recording import Recording
-from ..robot.mounting import mounting_from_parameters
+from ..robot.mask import Mask, corrected_stamp
 from ..robot.parameter_groups import InputParameters
-from ..robot.parameters import NodeParameters
+from ..robot.parameters import NodeParameters, mounting_from_parameters
+from ..robot.scan_buffer import OfLidar, RecordedScans
 from ..robot.sensors import NAMELESS
-from .sensor_mounting import mounting_of, prepared
 
 UPSIDE_DOWN = 'upside_down'
 """Optional fifth word of a mounting on the command line: the lidar is mounted upside down."""
@@ -186,3 +189,126 @@ def lidars_of(first: Recording, lidars: Lidars, parameters, base=False) -> tuple
     else:
         mounting = first.mounting or mountings.get(first.topic) or mounting_of(parameters.lidar(first.topic))
     return mounting, further_lidars(first, topics, mountings, parameters) if topics else []
+
+
+def mounting_of(parameters) -> Mounting:
+    """Return the mounting in `parameters` (`LidarParameters`); identity with ``mounting: tf``."""
+    return mounting_from_parameters(parameters) or Mounting()
+
+
+def received(scans, parameters, note=None):
+    """Yield `scans` as the node uses them: the stamps corrected by ``input.time_offset``, without masked returns.
+
+    `parameters` are the `InputParameters` of this lidar; `note` is called with a sentence on a fault of the mask.
+    """
+    mask, (offset,) = Mask(), parameters.time_offset
+    for scan in scans:
+        if offset:
+            scan = replace(scan, stamp=corrected_stamp(scan.stamp, offset))
+        scan = mask.apply(scan, Mounting(), parameters)
+        if note and mask.fault:
+            note(mask.fault)
+        yield scan
+
+
+def turned(scans, yaw, upside_down=False):
+    """Yield `scans` of a laser with the mounting angle `yaw` [rad], rotated so that their x axis is that of the base.
+
+    Scans of a laser that is mounted upside down are converted to those of an upright laser with the same x axis.
+    """
+    geometry, sign = None, -1.0 if upside_down else 1.0
+    for scan in scans:
+        if yaw or upside_down:
+            g = scan.geometry
+            rotated = ScanGeometry(sign * g.angle_min + yaw, sign * g.angle_increment, g.size, g.range_min, g.range_max)
+            geometry = rotated.reuse(geometry)
+            scan = Scan(scan.stamp, scan.ranges, geometry, scan.time_increment, scan.frame_id)
+        yield scan
+
+
+def prepared(scans, mounting, parameters, note=None):
+    """Yield `scans` of a lidar as the odometry processes them: `received` with `parameters`, and `turned`."""
+    return turned(received(scans, parameters, note), mounting.pose.theta, mounting.upside_down)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuringLidar:
+    """A lidar whose scans stay in its own frame.
+
+    Attributes
+    ----------
+    recording : Recording
+        Recording with the topic of this lidar.
+    mounting : Mounting or None
+    limits : ScanParameters or None
+        Limits of its ranges and of its range noise. Both are None for a single lidar.
+    """
+
+    recording: Recording
+    mounting: Mounting | None = None
+    limits: ScanParameters | None = None
+
+    def scans(self, parameters):
+        """Return the scans; those of one of several lidars without masked returns, and as of an upright lidar.
+
+        Then `parameters` (`NodeParameters`) have its mask and its time offset.
+        """
+        scans = self.recording.scans()
+        if self.mounting is None:
+            return scans
+        own = (parameters or NodeParameters()).input_of(self.recording.topic)
+        return turned(received(scans, own), 0.0, self.mounting.upside_down)
+
+
+def measuring_lidars(path, lidars, parameters) -> list:
+    """Open the recording at `path` for each of the `lidars` (`Lidars`); return a `MeasuringLidar` for each.
+
+    `parameters` are `NodeParameters` or None. Raises as `further_lidars`.
+    """
+    own, parameters = CloudParameters.of(parameters, lidars.first), parameters or NodeParameters()
+    lidars = lidars.of_recording(path, parameters)
+    if len(lidars.topics) <= 1:
+        return [MeasuringLidar(open_recording(path, lidars.first, own))]
+    recording = lidars.open(path, parameters)
+    mounting, others = lidars_of(recording, lidars, parameters)
+    return [MeasuringLidar(recording, mounting, parameters.lidar(recording.topic).scan),
+            *(MeasuringLidar(each.recording, each.mounting, each.limits) for each in others)]
+
+
+class Found(NamedTuple):
+    """Scans that `find_scans` found.
+
+    Attributes
+    ----------
+    scans : dict
+        Number of a wanted scan among those of all lidars -> `OfLidar`.
+    around : list of dict
+        For each lidar, the number of a scan among its own -> scan: the wanted scans and their neighbours.
+    read : int
+        Number of scans that were read.
+    """
+
+    scans: dict
+    around: list
+    read: int
+
+
+def find_scans(streams, numbers) -> Found:
+    """Read the scans of all lidars in the order of `RecordedScans` until those with these `numbers` are found.
+
+    The scans before and after each of them, of the same lidar, are returned as well.
+    """
+    found: dict[int, OfLidar] = {}
+    last: dict[int, OfLidar] = {}
+    around: list[dict[int, Scan]] = [{} for _ in streams]
+    read = 0
+    for number, each in enumerate(RecordedScans(streams).before()):
+        read, previous = number + 1, last.get(each.lidar)
+        last[each.lidar] = each
+        if number in numbers:
+            found[number] = each
+        if number in numbers or previous in found.values():
+            around[each.lidar].update({one.own: one.scan for one in (previous, each) if one})
+        if number > max(numbers) and all(one.own + 1 in around[one.lidar] for one in found.values()):
+            break
+    return Found(found, around, read)

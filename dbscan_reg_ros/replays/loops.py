@@ -45,7 +45,7 @@ class Loops(KeyFrames):
         parameters : Parameters
             Parameters of the registration.
         yaw : float
-            Angle [rad] by which `sensor_mounting.turned` rotated the scans before the odometry.
+            Angle [rad] by which `lidars.turned` rotated the scans before the odometry.
         """
         turn = np.array([[0.0, 0.0, yaw]])
         turned = compose(compose(turn, poses), -turn)

@@ -11,11 +11,10 @@ from ..core.odometry.calibration.odd_one import UNFIT, named
 from ..core.odometry.pipeline import Odometry
 from ..core.registration.records import Status
 from ..core.sensor import FIRST, Sensor
-from ..robot.external_prior import measured_prior, sensor_prior
+from ..robot.base_state import measured_prior, sensor_prior
 from ..robot.pose_history import PoseHistory
 from ..robot.scan_buffer import RecordedScans
-from .lidars import lidars_of
-from .sensor_mounting import prepared
+from .lidars import lidars_of, prepared
 from .trajectory import Trajectory
 
 WHEELS = 'odometry'

@@ -18,6 +18,7 @@ from ..robot.parameters import NodeParameters
 from .animation import Track, write_animation
 from .faults import Faults
 from .in_map import InMap
+from .lidars import received
 from .loops import Loops
 from .occupancy_map import write_occupancy_map
 from .odometry import ReplayOdometry
@@ -27,7 +28,6 @@ from .page.index import DriveEntry
 from .page.report import ClosedMap, Report, write_report
 from .page.scan_history import ScanHistory
 from .pairs_to_review import PairsToReview
-from .sensor_mounting import received
 from .summary import describe_contradictions, describe_recordings, summarise, write_metrics
 from .trajectory import Trajectory
 

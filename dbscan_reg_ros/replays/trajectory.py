@@ -11,7 +11,7 @@ from ..core.geometry.se2 import SE2
 from ..core.odometry.pipeline import Odometry
 from ..core.registration.records import Status
 from ..evaluation.metrics import duration, errors, path_lengths
-from .sensor_mounting import turned
+from .lidars import turned
 
 
 @dataclass(eq=False)
@@ -21,7 +21,7 @@ class Trajectory:
     Attributes
     ----------
     yaw : float
-        Angle [rad] by which `sensor_mounting.turned` rotated the scans before the odometry.
+        Angle [rad] by which `lidars.turned` rotated the scans before the odometry.
     upside_down : bool
         Whether the laser of the recording is mounted upside down.
     stamps : list of int [ns]

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..core.errors import ParameterError
+from ..core.geometry.mounting import Mounting
+from ..core.geometry.se2 import SE2
 from ..core.parameters.schema import Description, Value, check, internal, parameter, suggest
 from ..core.parameters.tree import Parameters
 from .parameter_groups import (
@@ -234,3 +236,12 @@ def _check_count(name: str, values: tuple[float, ...], size: int, lidars: int) -
 def is_ros_parameter(name: str) -> bool:
     """Whether every ROS node has the parameter `name`: a file may set it, but `NodeParameters` does not contain it."""
     return name in ('use_sim_time', 'start_type_description_service') or name.startswith('qos_overrides.')
+
+
+def mounting_from_parameters(parameters: NodeParameters | LidarParameters) -> Mounting | None:
+    """Return the mounting that the parameters define; None if they contain ``mounting: tf``."""
+    if parameters.mounting == 'tf':
+        return None
+    if parameters.mounting == 'none':
+        return Mounting()
+    return Mounting(SE2.from_array(parameters.laser_pose), parameters.upside_down)

@@ -17,9 +17,8 @@ from ..evaluation.metrics import apart, errors, path_lengths
 from ..recordings import open_recording
 from ..recordings.bags.clouds import CloudParameters
 from ..recordings.poses import relative
-from ..replays.lidars import FurtherLidar, lidars_of
+from ..replays.lidars import FurtherLidar, lidars_of, prepared
 from ..replays.odometry import recorded_wheels, replay_odometry, replayed_trajectory
-from ..replays.sensor_mounting import prepared
 from ..replays.trajectory import Trajectory
 
 OBJECTIVES = ('auto', 'truth', 'consistency')

@@ -4,12 +4,12 @@ import json
 import os
 from operator import itemgetter
 
+import numpy as np
+
 from ..core.errors import ParameterError
-from .searches import OptunaSearch, RandomSearch
 
 BATCH = 8
 """Number of trials chosen at a time; fixed, so that the result does not depend on the number of processes."""
-SEARCHES = {'random': RandomSearch, 'optuna': OptunaSearch}
 
 
 class Study:
@@ -107,3 +107,46 @@ class Study:
             file.write(json.dumps({'number': number, 'cost': cost, 'values': values}) + '\n')
             file.flush()
             os.fsync(file.fileno())
+
+
+class RandomSearch:
+    """Random search: draws values from a uniform distribution, independently of the costs of earlier trials."""
+
+    def __init__(self, axes, seed):
+        self._axes, self._seed, self._asked = axes, seed, 0
+
+    def ask(self, count):
+        """Return `count` dictionaries of parameter name -> value to try."""
+        numbers = range(self._asked, self._asked + count)
+        self._asked += count
+        return [{axis.name: axis.at(share) for axis, share in
+                 zip(self._axes, np.random.default_rng((self._seed, number)).random(len(self._axes)), strict=True)}
+                for number in numbers]
+
+    def tell(self, costs):
+        """Receive the costs of the values that the last `ask` returned; lower is better."""
+
+
+class OptunaSearch:
+    """Search with Optuna's tree-structured Parzen estimator."""
+
+    def __init__(self, axes, seed):
+        import optuna
+
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        self._axes, self._pending = axes, []
+        self._study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed, constant_liar=True))
+
+    def ask(self, count):
+        """Return `count` dictionaries of parameter name -> value to try."""
+        self._pending = [self._study.ask() for _ in range(count)]
+        return [{axis.name: axis.at(trial.suggest_float(axis.name, 0.0, 1.0)) for axis in self._axes}
+                for trial in self._pending]
+
+    def tell(self, costs):
+        """Receive the costs of the values that the last `ask` returned; lower is better."""
+        for trial, cost in zip(self._pending, costs, strict=True):
+            self._study.tell(trial, cost)
+
+
+SEARCHES = {'random': RandomSearch, 'optuna': OptunaSearch}

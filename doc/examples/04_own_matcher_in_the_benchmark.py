@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from dbscan_reg_ros import SE2, Status, open_recording
-from dbscan_reg_ros.evaluation.baselines import Result, rigid_fit
+from dbscan_reg_ros.evaluation.baselines import Result, fit
 from dbscan_reg_ros.evaluation.known_motion import errors_of
 from dbscan_reg_ros.evaluation.methods import Method
 from dbscan_reg_ros.evaluation.trackers import KeyFrames, tracker
@@ -20,7 +20,7 @@ def align(reference: np.ndarray, current: np.ndarray, guess: SE2 | None = None, 
     tree, transform = cKDTree(reference), guess or SE2()
     for _ in range(20):
         distance, nearest = tree.query(transform.apply(current))
-        transform = rigid_fit.fit(reference[nearest[distance < max_distance]], current[distance < max_distance])
+        transform = fit(reference[nearest[distance < max_distance]], current[distance < max_distance])
     return Result(transform, Status.OK)
 
 

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from dbscan_reg_ros import SE2, Scan
 from dbscan_reg_ros.commands import compare, simulate
-from dbscan_reg_ros.evaluation.baselines import rigid_fit
+from dbscan_reg_ros.evaluation.baselines import fit
 
 NEAREST = 0.5  # points that are farther apart [m] do not correspond
 
@@ -18,7 +18,7 @@ def align(reference: Scan, current: Scan, guess: SE2) -> SE2:
     transform, tree = SE2(guess.x, guess.y, guess.theta), cKDTree(fixed)
     for _ in range(20):
         distance, nearest = tree.query(transform.apply(moving))
-        transform = rigid_fit.fit(fixed[nearest[distance < NEAREST]], moving[distance < NEAREST])
+        transform = fit(fixed[nearest[distance < NEAREST]], moving[distance < NEAREST])
     return transform
 
 

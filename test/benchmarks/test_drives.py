@@ -15,8 +15,8 @@ from benchmarks.odometry.places import hall_of_chairs, wood
 from dbscan_reg_ros import SE2, Parameters, ScanError, Status
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.recordings.poses import compose, relative
+from dbscan_reg_ros.replays.lidars import turned
 from dbscan_reg_ros.replays.loops import Loops
-from dbscan_reg_ros.replays.sensor_mounting import turned
 from dbscan_reg_ros.simulation import LIDARS, Lidar, follow, hall, simulate
 
 

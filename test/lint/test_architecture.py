@@ -180,7 +180,7 @@ def test_the_whole_core_loads_without_scikit_learn(root):
 def test_what_reads_bags_with_ros_is_imported_in_one_place(package):
     importing = {path.name for path in sources(package)
                  if any(name.endswith('with_rosbag2_py') for name in imported(path, package))}
-    assert importing == {'bag_library.py'}
+    assert importing == {'reading.py'}
 
 
 def assigned_fields(tree, owner):

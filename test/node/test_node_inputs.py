@@ -17,7 +17,7 @@ from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.interfaces.messages import scan_to_message
 from dbscan_reg_ros.recordings.snapshots import read_snapshot
-from dbscan_reg_ros.replays.sensor_mounting import prepared
+from dbscan_reg_ros.replays.lidars import prepared
 from dbscan_reg_ros.robot.mask import within
 from dbscan_reg_ros.robot.parameter_groups import InputParameters
 

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.figures.plots import density_map
+from dbscan_reg_ros.replays.live.server import live_page
 from dbscan_reg_ros.replays.page.entries import COMPARISON_COLUMNS, REPLAY_COLUMNS
 from dbscan_reg_ros.replays.page.index import DriveEntry, small_map, write_index
-from dbscan_reg_ros.replays.page.live import live_page
 
 AXE = 'axe-core-4.10.3'
 SHA512 = 'Xm7bpRXnDSX2YE2YFfBk2FnF0ep6tmG7xPh8iHee8MIcrgq762Nkce856dYtJYLkuIoYZvGfTs/PbZhideTcEg=='

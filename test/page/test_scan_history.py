@@ -10,9 +10,9 @@ from dbscan_reg_ros import SE2, Odometry, Parameters
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
 from dbscan_reg_ros.figures.plots import density_map
+from dbscan_reg_ros.replays.lidars import turned
 from dbscan_reg_ros.replays.page.report import Report, write_report
 from dbscan_reg_ros.replays.page.scan_history import RESOLUTION, ScanHistory
-from dbscan_reg_ros.replays.sensor_mounting import turned
 from dbscan_reg_ros.replays.trajectory import Trajectory
 
 MOST_BYTES = 25_000_000

@@ -17,7 +17,7 @@ from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.lifecycle.ros_arguments import split_arguments
 from dbscan_reg_ros.node.playback.player import Player, PlayerError
 from dbscan_reg_ros.recordings import open_recording
-from dbscan_reg_ros.recordings.schedule import Schedule
+from dbscan_reg_ros.recordings.playback import Schedule
 
 SECOND = 1_000_000_000
 RELIABLE = 1000

@@ -19,9 +19,8 @@ from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.conversion import write_log
 from dbscan_reg_ros.recordings.message_fields import filled, pose_only_fields, scan_fields
-from dbscan_reg_ros.recordings.playback import Channel, Played, choose, inputs_of
+from dbscan_reg_ros.recordings.playback import Channel, Played, Timeline, choose, inputs_of
 from dbscan_reg_ros.recordings.recording import Record
-from dbscan_reg_ros.recordings.schedule import Timeline
 
 COUNT = 6
 BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -139,3 +139,13 @@ def _scatter(transform: SE2, cluster: int, rotations: Rotations, translations: T
     covariance[:2, :2] += off.T @ off / len(off)
     covariance[2, 2] += np.mean(wrap_period(rotation, math.pi) ** 2)
     return covariance
+
+
+PAPER_MOTION = SE2(-1.5, 0.8, 0.3)
+"""Motion [m, m, rad] of the points in the example of Figure 4."""
+
+
+def moved(scan: Scan) -> Scan:
+    """Return the points of a scan moved by `PAPER_MOTION`, as a scan in the same beam order."""
+    return Scan.from_points(PAPER_MOTION.apply(scan.points), stamp=scan.stamp,
+                            angle_increment=scan.geometry.angle_increment)

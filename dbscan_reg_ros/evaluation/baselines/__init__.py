@@ -5,6 +5,6 @@ Every module has one method with the same interface: ``prepare(scan)`` makes the
 and ``align(reference, current, guess=SE2())`` returns a `Result` from the data of two scans.
 """
 from . import icl, icp, idc
-from .result import Result
+from .result import Result, fit
 
-__all__ = ['Result', 'icl', 'icp', 'idc']
+__all__ = ['Result', 'fit', 'icl', 'icp', 'idc']

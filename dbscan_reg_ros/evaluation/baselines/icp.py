@@ -3,8 +3,7 @@
 from scipy.spatial import cKDTree
 
 from ...core.geometry.se2 import SE2
-from .result import Result, iterate
-from .rigid_fit import fit
+from .result import Result, fit, iterate
 
 
 def prepare(scan):

@@ -6,8 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...core.geometry.se2 import SE2, wrap
-from .result import Result, iterate
-from .rigid_fit import fit
+from .result import Result, fit, iterate
 
 WINDOW = math.radians(30.0)
 NARROWEST = math.radians(1.0)

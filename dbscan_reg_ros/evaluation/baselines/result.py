@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Result of a baseline for two scans."""
+"""Result of a baseline for two scans, and the least-squares motion between paired points."""
+import math
 from dataclasses import dataclass
 
 from ...core.geometry.se2 import SE2
@@ -40,3 +41,12 @@ def iterate(step, guess, limit=50) -> Result:
         if abs(change.x) + abs(change.y) < TRANSLATION_CHANGE and abs(change.theta) < ROTATION_CHANGE:
             return Result(transform, Status.OK)
     return Result(transform, Status.FAILED)
+
+
+def fit(reference, current) -> SE2:
+    """Return the least-squares motion from the points `current` ``(K, 2)`` [m] to `reference` ``(K, 2)`` [m]."""
+    centre_r, centre_c = reference.mean(axis=0), current.mean(axis=0)
+    a, b = current - centre_c, reference - centre_r
+    theta = math.atan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
+    x, y = centre_r - SE2(0.0, 0.0, theta).apply(centre_c)
+    return SE2(float(x), float(y), theta)

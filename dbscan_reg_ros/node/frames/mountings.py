@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import ParameterError
 from ...core.geometry.mounting import Mounting, MountingError
-from ...robot.mounting import mounting_from_parameters
+from ...robot.parameters import mounting_from_parameters
 from ...robot.sensors import LidarParameters
 from ..errors import NoTransformError
 from ..throttled_log import ThrottledLog

@@ -14,8 +14,7 @@ from ...core.sensor import FIRST, Sensor
 from ...recordings.checks.scan_warnings import Kind, ScanWarning
 from ...robot.parameter_groups import LASER_SCAN, InputParameters
 from ...robot.parameters import NodeParameters
-from ...robot.recent_stamps import RecentStamps
-from ...robot.scan_buffer import ScanBuffer
+from ...robot.scan_buffer import RecentStamps, ScanBuffer
 from ...robot.sensors import name_in_frame
 from ..counters import Counters
 from ..throttled_log import ThrottledLog

@@ -25,8 +25,7 @@ from ...core.errors import DbscanRegError
 from ...core.scan import Scan, in_nanoseconds
 from ...recordings.bags.bag import LASER_SCAN
 from ...recordings.message_fields import filled, message_class
-from ...recordings.playback import Channel, Played
-from ...recordings.schedule import Timeline
+from ...recordings.playback import Channel, Played, Timeline
 from ..interfaces.messages import scan_to_message, stamp_to_message
 from .answers import Answers
 from .pace import Pace

@@ -8,9 +8,8 @@ from types import MappingProxyType
 from ...core.geometry.mounting import Mounting, MountingError
 from ...core.geometry.se2 import SE2
 from ...core.scan import Scan
-from ...robot.mounting import mounting_from_parameters
 from ...robot.parameter_groups import InputParameters
-from ...robot.parameters import NodeParameters
+from ...robot.parameters import NodeParameters, mounting_from_parameters
 from ...robot.point_cloud import Array, no_points, scan_from_cloud
 from ..checks.clouds import CloudChecks
 from ..playback import only

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Access to the messages of a bag, whole or damaged."""
 from contextlib import ExitStack, contextmanager
+from importlib.util import find_spec
 
 from ...core.errors import DbscanRegError, RecordingError
 from ...paths import check_file
-from .bag_faults import fault_of
-from .bag_library import bag_library, is_ros1
+from .bag_faults import fault_of, kind_at
 from .parts import damaged_part, sound_parts
 
 
@@ -81,3 +81,33 @@ def _after_damage(reader, connections, report, window):
 def own(error) -> str:
     """Return the text of one of our own errors, after a colon; empty for an error of a library."""
     return f': {error}' if isinstance(error, DbscanRegError) else ''
+
+
+def is_ros1(path) -> bool:
+    """Whether the file at `path` is a ROS 1 bag."""
+    return kind_at(path) == 'ROS 1 bag'
+
+
+def bag_library(ros1=False):
+    """Return the module that reads and writes bags: `with_rosbags` if `rosbags` is installed, else `with_rosbag2_py`.
+
+    Parameters
+    ----------
+    ros1 : bool
+        Whether the library must support ROS 1 bags, which `rosbag2_py` does not.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        When no library is installed; the error names `rosbags`, which can be installed on any system.
+    """
+    if ros1 or find_spec('rosbags') or not find_spec('rosbag2_py'):
+        try:
+            from . import with_rosbags
+        except ModuleNotFoundError as missing:
+            if missing.name != 'rosbags':
+                raise
+            raise ModuleNotFoundError('bags need the package rosbags: pip install rosbags', name='rosbags') from None
+        return with_rosbags
+    from . import with_rosbag2_py
+    return with_rosbag2_py

@@ -10,7 +10,11 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import parse_qs, urlsplit
 
 from ...core.errors import DbscanRegError
-from ..page.live import live_page
+from ...evaluation.known_motion import KnownMotion
+from ...figures.plots import density_map
+from ..page.encoding import script_json
+from ..page.report import Report, page_data, page_parts
+from ..trajectory import Trajectory
 from .live_drive import LiveDrive
 
 PORTS = 20
@@ -182,3 +186,21 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, *_):
         """Log nothing."""
+
+
+LEVELS = 'ok', 'warning', 'error', 'stale'
+"""Levels of a report on ``/diagnostics``."""
+SCRIPTS = 'drive.js', 'drawing.js', 'plots.js', 'map_view.js', 'pairs.js', 'page.js', 'live.js'
+
+
+def live_page(title: str) -> bytes:
+    """Return the HTML text of the page of a running node."""
+    report = Report(title, [], KnownMotion(None, None, None), Trajectory(), density_map([], []), [], None)
+    data, scans = page_data(report, live=True)
+    data['drive']['statusNames'] = LEVELS
+    data['drive']['along'] = {'label': 'time [s]', 'unit': 's', 'end': 1.0, 'at': ''}
+    data['drive']['plots'] = [{'id': 'speed', 'name': 'Speed', 'short': 'speed', 'note': '',
+                               'unit': 'm/s', 'log': False, 'values': ''}]
+    data['nothing'] = ''
+    contents = {'data': script_json(data), 'scans': scans, 'connect': "; connect-src 'self'", 'index': ''}
+    return ''.join(page_parts(contents, scripts=SCRIPTS)).encode()

@@ -58,7 +58,7 @@ class ScanHistory:
     Parameters
     ----------
     yaw : float
-        Angle [rad] by which `sensor_mounting.turned` rotated the scans before the odometry.
+        Angle [rad] by which `lidars.turned` rotated the scans before the odometry.
     most_scans, most_points : int
         Largest number of OK scans and of returns that are kept; if there are more, every second one is dropped.
 

@@ -6,7 +6,7 @@ is all of the 50 scans on which the open values of the paper's method were chose
 """
 import numpy as np
 
-from dbscan_reg_ros.evaluation.figure4 import PAPER_MOTION, moved
+from dbscan_reg_ros.core.paper.pipeline import PAPER_MOTION, moved
 
 from ..bounds import at_least
 from ..intel import Intel

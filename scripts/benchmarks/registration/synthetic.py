@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.paper.pipeline import PAPER_MOTION
 from dbscan_reg_ros.core.scan import Scan
-from dbscan_reg_ros.evaluation.figure4 import PAPER_MOTION
 
 from ..bounds import at_least
 from ..intel import Intel

@@ -18,8 +18,7 @@ from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 from dbscan_reg_ros.figures.texts import LidarOfScan, LidarsOfPair
 from dbscan_reg_ros.recordings import interpolate, open_recording, write_tum
 from dbscan_reg_ros.recordings.poses import compose, relative
-from dbscan_reg_ros.replays.sensor_mounting import turned
-from dbscan_reg_ros.replays.several_lidars.scan_order import find_scans
+from dbscan_reg_ros.replays.lidars import find_scans, turned
 from dbscan_reg_ros.robot.scan_buffer import RecordedScans
 from dbscan_reg_ros.simulation import Lidar, follow, rooms
 from dbscan_reg_ros.simulation import simulate as simulated

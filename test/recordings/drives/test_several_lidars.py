@@ -20,7 +20,7 @@ from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.recordings import open_recording, read_tum
 from dbscan_reg_ros.recordings.bags.static_transforms import static_mounting
 from dbscan_reg_ros.recordings.poses import relative
-from dbscan_reg_ros.replays.sensor_mounting import turned
+from dbscan_reg_ros.replays.lidars import turned
 from dbscan_reg_ros.replays.trajectory import Trajectory
 from dbscan_reg_ros.simulation import Lidar, follow, rooms
 from dbscan_reg_ros.simulation import simulate as simulated

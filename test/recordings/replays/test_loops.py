@@ -12,8 +12,8 @@ from dbscan_reg_ros import Odometry, Parameters, Status
 from dbscan_reg_ros.core.geometry.se2 import wrap
 from dbscan_reg_ros.places.pose_graph import ROBUST, Constraints, optimise
 from dbscan_reg_ros.recordings.poses import compose, relative
+from dbscan_reg_ros.replays.lidars import turned
 from dbscan_reg_ros.replays.loops import Loops
-from dbscan_reg_ros.replays.sensor_mounting import turned
 from dbscan_reg_ros.simulation import Lidar, World, follow, hall, simulate
 
 

@@ -9,8 +9,7 @@ from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
-from dbscan_reg_ros.evaluation.baselines import icl, icp, idc
-from dbscan_reg_ros.evaluation.baselines.rigid_fit import fit
+from dbscan_reg_ros.evaluation.baselines import fit, icl, icp, idc
 from dbscan_reg_ros.simulation import Lidar, measure, rooms
 
 BASELINES = {'icp': icp, 'idc': idc, 'icl': icl}

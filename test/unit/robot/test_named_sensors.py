@@ -7,9 +7,8 @@ from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.parameters.features import ScanParameters
 from dbscan_reg_ros.core.sensor import Sensor
-from dbscan_reg_ros.robot.mounting import mounting_from_parameters
 from dbscan_reg_ros.robot.parameter_files import read_parameters, write_parameters
-from dbscan_reg_ros.robot.parameters import NodeParameters
+from dbscan_reg_ros.robot.parameters import NodeParameters, mounting_from_parameters
 from dbscan_reg_ros.robot.sensors import INHERITED
 
 MASK = [0.5, 1.0, *[0.0] * 6]

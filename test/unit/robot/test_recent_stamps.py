@@ -2,7 +2,7 @@
 """When the next scan of a lidar is due."""
 import pytest
 
-from dbscan_reg_ros.robot.recent_stamps import RecentStamps
+from dbscan_reg_ros.robot.scan_buffer import RecentStamps
 
 MS = 1_000_000
 
