@@ -62,7 +62,8 @@ def test_missing_packages_are_reported_in_one_line_before_any_work(without, tmp_
     assert all(name in result.stderr for name in names) and list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize('command', COMMANDS)
+@pytest.mark.parametrize('command', ['scan_matcher', 'replay', 'tune', *(
+    pytest.param(name, marks=pytest.mark.long) for name in COMMANDS if name not in ('scan_matcher', 'replay', 'tune'))])
 def test_a_command_needs_nothing_but_what_it_names(without, command):
     """What fails without all the others has come further than their absence."""
     others = {module for module in SOURCES if module not in NEEDS[command]} | ({ROS} - set(NEEDS[command]))

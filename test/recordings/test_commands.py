@@ -35,7 +35,9 @@ def run(work, *argv):
     return command_line.run(command_line.make_parser('work', 'Tests.'), work, argv)
 
 
-@pytest.mark.parametrize('command', [(), *((name,) for name in COMMANDS)], ids=lambda words: ' '.join(words) or 'all')
+@pytest.mark.parametrize('command', [(), ('replay',), ('scan_matcher',), *(
+    pytest.param((name,), marks=pytest.mark.long) for name in COMMANDS if name not in ('replay', 'scan_matcher'))],
+    ids=lambda words: ' '.join(words) or 'all')
 def test_help_imports_nothing_heavy(root, command):
     words = [sys.executable, '-X', 'importtime', '-m', 'dbscan_reg_ros', *command, '--help']
     result = subprocess.run(words, cwd=root, timeout=120, capture_output=True, text=True, check=True)
