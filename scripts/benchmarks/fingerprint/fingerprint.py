@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Comparison of two commits, bit for bit: both source trees process the same scans on the same machine."""
+"""Comparison of two commits, bit for bit: both source trees process the same scans on the same machine.
+
+A change that should change nothing must not change a bit.
+"""
 import contextlib
 import hashlib
 import io

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two lidars, one of them silent for ten seconds: gaps and steps of the odometry, and the accuracy of its twists."""
+"""Two lidars, one of them silent for ten seconds: gaps and steps of the odometry, and the accuracy of its twists.
+
+Scanners are switched off by doors and cables: there may be no gap that a controller notices, no jump, and no twist that
+is surer or much less sure than that of the other lidar alone.
+"""
 import math
 import os
 

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two lidars, one with a wrong mounting or late stamps: error of the odometry, what is estimated, and who is named."""
+"""Two lidars, one with a wrong mounting or late stamps: error of the odometry, what is estimated, and who is named.
+
+A lidar is mounted or stamped wrongly more often than it fails: it has to be named before it has driven far, may not
+spoil the odometry meanwhile, and nobody may be named where all is right.
+"""
 import dataclasses
 import math
 

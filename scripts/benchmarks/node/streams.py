@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Streams of scans played to the node: latency, load of a core, memory and the time it takes to start."""
+"""Streams of scans played to the node: latency, load of a core, memory and the time it takes to start.
+
+A scan has to be answered before the next one comes, on a computer that has other work: that bounds latency, load of a
+core and memory.
+"""
 import json
 import tempfile
 import time

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node with two lidars beside the node with one lidar of twice their rate, on the same drive."""
+"""The node with two lidars beside the node with one lidar of twice their rate, on the same drive.
+
+Two lidars at 15 Hz are as many scans as one at 30 Hz, and may cost a fifth more.
+"""
 import dataclasses
 import heapq
 import math

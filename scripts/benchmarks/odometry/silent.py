@@ -3,6 +3,8 @@
 
 Judged are the motion from each scan to the next, and that to the first scan a metre farther on, when every scan of it
 is called OK.
+
+A wrong pose that is called OK is the worst fault of an odometry: none is allowed.
 """
 import numpy as np
 

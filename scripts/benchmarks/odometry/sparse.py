@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Key frames far apart: the odometry against the registration of each one to the one before."""
+"""Key frames far apart: the odometry against the registration of each one to the one before.
+
+A motion model that is too narrow rejects right registrations: the odometry must not be worse than its own
+registrations, and must not fail where one of them is OK.
+"""
 import itertools
 import math
 

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How often, how soon and how rightly a start is found in a map, and what is said where there is none."""
+"""How often, how soon and how rightly a start is found in a map, and what is said where there is none.
+
+A robot that believes a wrong place drives into walls: no start may be wrong, and none outside the map may be claimed.
+Not to know is right for a while.
+"""
 import math
 from functools import cached_property
 from pathlib import Path

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Consistency of the covariances: registrations in simulated worlds, where the error is known exactly."""
+"""Consistency of the covariances: registrations in simulated worlds, where the error is known exactly.
+
+Filters and graphs weigh poses by their covariance: 95 % of the errors have to lie inside the ellipsoid of 95 %, not
+fewer, and not nearly all.
+"""
 import dataclasses
 from collections.abc import Callable
 from functools import partial

@@ -2,6 +2,8 @@
 """Registration without a prior for any motion, by the overlap of the views.
 
 Success rate, and precision and recall of `OK`.
+
+There is no bound: the table says from which overlap on a registration can be expected.
 """
 import dataclasses
 import itertools

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pairs k, k+s of the Intel log without an initial guess."""
+"""Pairs k, k+s of the Intel log without an initial guess.
+
+A registration without a guess restarts a lost odometry and closes loops. Between the scans of a drive it has to be
+right nearly always, over 20 scans as often as the views overlap enough, and what it calls OK has to be right.
+"""
 from ..bounds import at_least, at_most
 from ..intel import Intel
 from ..trials import Trial, rates, thinned

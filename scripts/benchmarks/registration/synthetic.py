@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Real scans with noise and outliers, moved by a known motion (section 3 of the paper, and harder)."""
+"""Real scans with noise and outliers, moved by a known motion (section 3 of the paper, and harder).
+
+The motion is known exactly, so that what is missed is missed because of noise and outliers alone.
+"""
 import math
 
 import numpy as np
