@@ -39,8 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'trajectory.tum, map.png, metrics.json, a bag with /odom, /tf and /segments, and the '
                          'parameters used. Exit status 0: all results are written; 3: some are not, for example '
                          'because the disk is full, and standard error names them; 2: an argument or a recording '
-                         'cannot be used; 130: interrupted; 1: any other failure. With -v the summary also '
-                         'names parameters whose steps are not compiled: the slower numpy reference runs these.')
+                         'cannot be used; 130: interrupted; 1: any other failure.')
     add_recordings(parser, SEVERAL)
     add_mounting(parser)
     parser.add_argument('--wheels', action='store_true', help='use the wheel odometry of the recording as the external '
@@ -97,18 +96,17 @@ def replay(args):
     topics = scan_topics(args.topic, parameters)
     note_unused('replay', args.params_file, parameters, used | ({'scan_topics'} if topics else set()))
     place = Path.absolute if args.scheduler else Path
+    args.out = place(Path(args.out))
+    args.map_out, args.map = args.map_out and place(args.map_out), args.map and place(args.map)
     lidars = Lidars(topics, parse_mountings(args.mounting))
-    jobs = [Job(place(_path(file, args)), lidars, parameters, place(Path(args.out)),
-                args.close_loops or args.g2o or bool(args.map_out), args.verbose, args.animation, len(args.files) > 1,
-                args.grid, args.frame == 'base', args.map_out and place(args.map_out), args.g2o,
-                args.map and place(args.map))
-            for file in args.files]
-    with workers(min(args.processes or processors(), len(jobs)), args.scheduler) as executor:
-        outcomes = [_outcome(future, args.verbose) for future in [executor.submit(replay_one, job) for job in jobs]]
+    with workers(min(args.processes or processors(), len(args.files)), args.scheduler) as executor:
+        futures = [executor.submit(replay_one, place(_path(file, args)), lidars, parameters, args)
+                   for file in args.files]
+        outcomes = [_outcome(future, args.verbose) for future in futures]
     codes = [code for code, _ in outcomes]
-    if entries := [entry for _, entry in outcomes if entry] if len(jobs) > 1 else []:
-        write_replay_index(jobs[0].out, entries)
-        print(f'index       {jobs[0].out / "index.html"}', flush=True)
+    if entries := [entry for _, entry in outcomes if entry] if len(args.files) > 1 else []:
+        write_replay_index(args.out, entries)
+        print(f'index       {args.out / "index.html"}', flush=True)
     return next((code for code in codes if code not in (0, INCOMPLETE)), max(codes))
 
 
@@ -133,50 +131,6 @@ def _path(file, args):
 
 
 @dataclass(frozen=True)
-class Job:
-    """One recording to replay.
-
-    Attributes
-    ----------
-    path : Path
-    lidars : Lidars
-    parameters : NodeParameters
-    out : Path
-        Folder below which the results are written.
-    close_loops : bool
-    verbose : bool
-        Print the traceback of a fault.
-    animation : bool
-    indexed : bool
-        An index of several replays is written, to which the page links.
-    grid : float or None
-        Side of the cells of the occupancy grid [m]; None: no grid is written.
-    base : bool
-        Write the poses of the base instead of those of the lidar.
-    map_out : Path or None
-        File of the map of key frames; None: it is not written.
-    g2o : bool
-        Write the pose graph.
-    map : Path or None
-        Map in which the drive is localised.
-    """
-
-    path: Path
-    lidars: object
-    parameters: object
-    out: Path
-    close_loops: bool = False
-    verbose: bool = False
-    animation: bool = False
-    indexed: bool = False
-    grid: float | None = None
-    base: bool = False
-    map_out: Path | None = None
-    g2o: bool = False
-    map: Path | None = None
-
-
-@dataclass(frozen=True)
 class Replayed:
     """Outcome of a replay.
 
@@ -198,48 +152,36 @@ class Replayed:
     entry: object = None
 
 
-def replay_one(job) -> Replayed:
-    """Replay one recording; write its results to a new folder.
+def replay_one(path, lidars, parameters, options) -> Replayed:
+    """Replay the recording at `path` with the arguments `options`; write its results to a new folder.
 
     Raises
     ------
     DbscanRegError
         When the recording cannot be read, or fewer than two of its scans can be used.
     """
-    from ..figures.plots import MapPoints
     from ..replays.faults import Faults
-    from ..replays.in_map import InMap
     from ..replays.lidars import lidars_of
-    from ..replays.loops import Loops
     from ..replays.odometry import describe_prior, recorded_wheels, replay_odometry
     from ..replays.own_bodies import OwnBodies
-    from ..replays.page.scan_history import ScanHistory
-    from ..replays.pairs_to_review import PairsToReview
-    from ..replays.result_folder import new_folder, point_latest, register_command
+    from ..replays.result_folder import point_latest, register_command
     from ..replays.results import Results
-    from ..replays.trajectory import Trajectory, too_few
+    from ..replays.trajectory import too_few
     from ..robot.parameter_files import write_parameters
 
-    in_map = InMap(job.map, job.parameters.for_odometry()) if job.map else None
-    lidars = job.lidars.of_recording(job.path, job.parameters)
-    recording = lidars.open(job.path, job.parameters)
-    mounting, others = lidars_of(recording, lidars, job.parameters, job.base)
-    folder = new_folder(job.out / recording.name)
-    faults = Faults(lambda error: explain(error)[1], job.verbose)
-    yaw, broken = mounting.pose.theta, None
-    wheels = recorded_wheels(job.parameters, recording)
+    lidars = lidars.of_recording(path, parameters)
+    recording = lidars.open(path, parameters)
+    mounting, others = lidars_of(recording, lidars, parameters, options.frame == 'base')
+    wheels, broken = recorded_wheels(parameters, recording), None
     bodies = OwnBodies([(recording.topic, mounting), *((each.recording.topic, each.mounting) for each in others)])
-    odometry = replay_odometry(job.parameters, others, recording.topic, mounting, wheels, bodies)
-    trajectory = Trajectory(yaw, mounting.upside_down, numbers=odometry.numbers if others else [])
-    results = Results(folder, recording, job.parameters, trajectory, PairsToReview(),
-                      Loops() if job.close_loops else None, faults, ScanHistory(yaw), MapPoints(recording.count, yaw),
-                      job.animation, '../../index.html' if job.indexed else '', odometry if others else None,
-                      grid=job.grid, bodies=bodies, on_base=mounting.pose if job.base else None, map_out=job.map_out,
-                      g2o=job.g2o, mounting=mounting.aligned_pose, in_map=in_map)
-    faults.attempt('parameters.yaml', write_parameters, folder / 'parameters.yaml', job.parameters,
-                   f'The parameters of the replay of {job.path.name}.')
+    odometry = replay_odometry(parameters, others, recording.topic, mounting, wheels, bodies)
+    faults = Faults(lambda error: explain(error)[1], options.verbose)
+    results = Results(recording, odometry, options, faults)
+    folder, trajectory = results.folder, results.trajectory
+    faults.attempt('parameters.yaml', write_parameters, folder / 'parameters.yaml', parameters,
+                   f'The parameters of the replay of {path.name}.')
     try:
-        _follow(results, mounting, odometry)
+        _follow(results)
     except Exception as error:  # noqa: BLE001 - what was found until then is written
         broken = error
     finally:
@@ -252,7 +194,7 @@ def replay_one(job) -> Replayed:
     lines = [f'results     {folder}', *(line for each in (recording, *(other.recording for other in others))
                                         for line in shortened(each.problems)),
              *(f'{prefix}{line}' for line in shortened(trajectory.problems)),
-             *(f'{name:11} {value}' for name, value in (*describe_prior(job.parameters, wheels), *summary))]
+             *(f'{name:11} {value}' for name, value in (*describe_prior(parameters, wheels), *summary))]
     return _replayed(results, lines, broken)
 
 
@@ -271,14 +213,14 @@ def _replayed(results, lines, broken) -> Replayed:
     return Replayed(lines, [f'{results.recording.path}: {fault}' for fault in faults], code, results.entry)
 
 
-def _follow(results, mounting, odometry):
+def _follow(results):
     """Run the odometry over the scans; pass each update to the trajectory, the bag and the report."""
     from ..replays.bag import odometry_bag, writes_bags
     from ..replays.lidars import prepared
     from .workers import watched
 
-    recording, parameters = results.recording, results.parameters
-    trajectory, faults = results.trajectory, results.faults
+    recording, odometry, faults = results.recording, results.odometry, results.faults
+    parameters, mounting = odometry.parameters, odometry.mounting
     stack, waiting = ExitStack(), deque()
 
     def report():
@@ -297,12 +239,12 @@ def _follow(results, mounting, odometry):
     try:
         scans = prepared(watched(recording.scans(), recording.name, recording.count), mounting,
                          parameters.input_of(recording.topic), recording.note)
-        for update in trajectory.follow(scans, odometry):
+        for update in results.trajectory.follow(scans, odometry):
             waiting.append(update)
             if len(waiting) == AT_A_TIME:
                 report()
-        if results.lidars:
-            results.lidars.finish()
+        if odometry.recordings:
+            odometry.finish()
     finally:
         report()
         with faults.noted('bag'):

@@ -129,6 +129,8 @@ class ReplayOdometry:
 
     Attributes
     ----------
+    parameters : NodeParameters
+    mounting : Mounting
     wheels : WheelPriors or None
         External priors of the scans.
     bodies : OwnBodies or None
@@ -143,6 +145,7 @@ class ReplayOdometry:
 
     def __init__(self, odometry, others, first, mounting, parameters):
         self.wheels = self.bodies = None
+        self.parameters, self.mounting = parameters, mounting
         self.recordings = [other.recording for other in others]
         self._odometry, self._first = odometry, FIRST
         if others:

@@ -11,11 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dbscan_reg_ros.commands.replay import Job, replay_one
+from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.errors import DbscanRegError
 from dbscan_reg_ros.recordings import data_folder
-from dbscan_reg_ros.replays.lidars import Lidars
-from dbscan_reg_ros.robot.parameters import NodeParameters
 
 from ..bounds import at_most
 from ..report import Report
@@ -56,7 +54,7 @@ def measure(args):
 def _add_report(report, log):
     """Add the figures of the page of a `log` to a `Report`."""
     with tempfile.TemporaryDirectory() as folder:
-        replay_one(Job(log, Lidars(), NodeParameters(), Path(folder)))
+        replay([str(log), '--out', folder])
         page = Path(folder, log.name.partition('.')[0], 'latest', 'report.html')
         row = in_browser(page, Path(folder, 'blank.html'), Path(folder, 'profile'))
     report.add('page of the Intel log', {'dbscan': row}, BOUNDS)
