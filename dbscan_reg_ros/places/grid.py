@@ -60,8 +60,13 @@ class Grid:
 
     def cells(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the number (N,) of the cell of each of the `points` (N, 2) [m] in the map, counted row by row."""
+        return self.cells_and_offsets(points)[0]
+
+    def cells_and_offsets(self, points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return what `cells` does, and where (N, 2) [m] in the cell each point is, from its centre, in the grid."""
         local = self.origin.inverse().apply(points)
-        return self._cells(local[:, 0], local[:, 1])
+        off = local - (np.floor(local / self.resolution) + 0.5) * self.resolution
+        return self._cells(local[:, 0], local[:, 1]), off
 
     def _cells(self, x, y):
         height, width = self.values.shape

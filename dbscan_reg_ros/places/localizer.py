@@ -12,7 +12,7 @@ from ..core.odometry.records import OdometryUpdate
 from ..core.parameters.tree import Parameters
 from ..core.registration.records import Status, sigma_text
 from ..recordings.poses import compose, relative
-from .evidence import INDEPENDENT, log_odds, probabilities
+from .evidence import INDEPENDENT, log_odds, log_odds_alone, probabilities
 from .grid import Grid
 from .map import Map
 from .matching import FROM_AFAR, Drive, Matcher, Stop
@@ -25,22 +25,27 @@ STEP, TURN = 0.3, 0.35
 SEARCHED, TRACKED = 30, 12
 """Largest number of scans that are placed in the map together, in a search and afterwards: so long the odometry hardly
 drifts."""
+ALIKE = 400
+"""Number of views and headings, the most similar first, among which `SKETCHED` poses are chosen."""
+SKETCHED, RETURNS = 60, 60
+"""Number of poses at which a scan is aligned roughly, and of the returns that are used for this."""
 CANDIDATES = 10
-"""Number of views that a scan is aligned with."""
+"""Number of the best of these poses that are aligned with all that was seen."""
 KEPT = 20
 """Largest number of hypotheses."""
-APART, APART_TURN = 0.8, 0.35
-"""Candidates of one scan differ by one of these [m, rad]."""
+APART, APART_TURN = 0.5, 0.25
+"""Poses at which a scan is aligned roughly differ by one of these [m, rad]."""
 SAME, SAME_TURN = 0.4, 0.12
 """Hypotheses that differ by less than these [m, rad] are one."""
+UNCERTAIN = np.array((SAME, SAME, SAME_TURN)) ** 2
+"""Variances [m, m, rad] of the odometry between two scans from which on they are not placed in the map together."""
 CERTAIN = 0.99
 """Probability of a hypothesis from which on the robot is localised there, and of the absence of all of them."""
 SURE = math.log(CERTAIN / (1.0 - CERTAIN))
 """Log-odds of `CERTAIN`."""
-DOUBTED = 4
-"""Number of the latest scans whose evidence is weighed against `SURE` once the robot is localised."""
-MOST_ALIKE = 1000
-"""Number of views and headings, the most similar first, among which the candidates differ."""
+DOUBTED = (1, 2.0 * SURE), (4, SURE)
+"""Once the robot is localised: numbers of the latest scans, and the log-odds against its pose from which on they begin
+a new search. One scan, of which people may hide much, has to outweigh the odds of `CERTAIN` that came before."""
 DRAWN = 200
 """Number of poses that are drawn from the covariance of a pose that is given."""
 LOST = np.diag((10.0, 10.0, math.pi)) ** 2
@@ -160,6 +165,8 @@ class Localizer:
             self._forget()
         pose = update.pose.as_array()
         if update.status is not Status.FAILED and not update.waits and self._moved(pose):
+            if self._stops and (np.diag(update.covariance - self._odometry_covariance) > UNCERTAIN).any():
+                self._forget()
             place = update.scan_pose
             self._stops.append(Stop.of(place.as_array(), place.apply(update.features.points)))
             self._used, self._odometry_covariance = pose, update.covariance
@@ -170,12 +177,17 @@ class Localizer:
         return self._report(update)
 
     def candidates(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the poses (C, 3) in the map at which a scan with these `points` (N, 2) looks most like the views."""
+        """Return the poses (C, 3) in the map where a scan with these `points` (N, 2) fits best.
+
+        They are chosen among those at which it looks most like the views.
+        """
         similarity = self._signatures.compare(np.hypot(*points.T), np.arctan2(points[:, 1], points[:, 0])).ravel()
-        best = np.argpartition(-similarity, min(MOST_ALIKE, len(similarity) - 1))[:MOST_ALIKE]
-        view, heading = np.divmod(best, BEARINGS)
-        poses = self._views[view] + np.column_stack((np.zeros((len(best), 2)), heading * (2.0 * np.pi / BEARINGS)))
-        return poses[_distinct(poses, -similarity[best], APART, APART_TURN, CANDIDATES)]
+        alike = np.argpartition(-similarity, min(ALIKE, len(similarity) - 1))[:ALIKE]
+        view, heading = np.divmod(alike, BEARINGS)
+        poses = self._views[view] + np.column_stack((np.zeros((len(alike), 2)), heading * (2.0 * np.pi / BEARINGS)))
+        poses = poses[_distinct(poses, -similarity[alike], APART, APART_TURN, SKETCHED)]
+        aligned = self._matcher.align(poses, points, RETURNS, FROM_AFAR)
+        return aligned.poses[_distinct(aligned.poses, -aligned.agreement, SAME, SAME_TURN, CANDIDATES)]
 
     def _forget(self) -> None:
         """Begin a new search."""
@@ -200,15 +212,16 @@ class Localizer:
         drive, latest = Drive.of(self._stops), self._stops[-1].pose
         back = relative(latest[None], np.zeros((1, DOF)))
         candidates = self.candidates(points)
-        candidates = compose(candidates, np.repeat(back, len(candidates), axis=0))
-        candidates = self._matcher.align(candidates, Drive.of(self._stops[-1:]), FROM_AFAR).poses
-        starts = np.vstack((self._hypotheses, candidates))
-        aligned = self._matcher.align(starts, drive)
-        odds = log_odds(self._matcher.count(aligned.poses, drive))
+        starts = np.vstack((self._hypotheses, compose(candidates, np.repeat(back, len(candidates), axis=0))))
+        aligned = self._matcher.align(starts, drive.hits)
+        counts = self._matcher.count(aligned.poses, drive)
         places = compose(aligned.poses, np.repeat(latest[None], len(starts), axis=0))
-        kept = _distinct(places, -odds, SAME, SAME_TURN, KEPT)
+        kept = _distinct(places, -log_odds_alone(counts), SAME, SAME_TURN, KEPT)
+        odds = log_odds(counts[kept])
+        order = np.argsort(-odds, kind='stable')
+        kept = kept[order]
         self._hypotheses = aligned.poses[kept]
-        self._probabilities, missed, outside = probabilities(odds[kept], self._searched)
+        self._probabilities, missed, outside = probabilities(odds[order], self._searched)
         self._elsewhere = missed + outside
         if self._probabilities[0] >= CERTAIN:
             self._state, self._transform = State.LOCALISED, self._hypotheses[0]
@@ -227,10 +240,11 @@ class Localizer:
         if len(self._given):
             self._confirm(drive)
             return
-        aligned = self._matcher.align(self._transform[None], drive)
-        recent = Drive.of(self._stops[-DOUBTED:])
+        aligned = self._matcher.align(self._transform[None], drive.hits)
         self._transform, self._hypotheses = aligned.poses[0], aligned.poses
-        if log_odds(self._matcher.count(aligned.poses, recent))[0] < -SURE:
+        against = [-log_odds_alone(self._matcher.count(aligned.poses, Drive.of(self._stops[-last:])))[0] - limit
+                   for last, limit in DOUBTED]
+        if max(against) > 0.0:
             self._doubt()
             return
         # Each scan is aligned several times, and counts once.
@@ -246,8 +260,8 @@ class Localizer:
 
     def _confirm(self, drive: Drive) -> None:
         """Correct a given pose once the scans suit one place within its covariance, and search if they suit none."""
-        aligned = self._matcher.align(self._given, drive, FROM_AFAR)
-        odds = log_odds(self._matcher.count(aligned.poses, drive))
+        aligned = self._matcher.align(self._given, drive.hits, scales=FROM_AFAR)
+        odds = log_odds_alone(self._matcher.count(aligned.poses, drive))
         at, given = (compose(poses, np.repeat(self._used[None], len(poses), axis=0))
                      for poses in (aligned.poses, self._given[:1]))
         off = at - given

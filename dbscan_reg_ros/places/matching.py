@@ -15,14 +15,15 @@ FREE_CELL = 0.2
 """Free space of a drive that lies in one square of this side [m] counts once."""
 CLEAR = 0.3
 """Free space nearer than this [m] to a return does not count, because of errors of poses and walls seen at a slant."""
-ON_SURFACE = 0.15
-"""A return is on a surface of the map up to this distance [m] from it."""
-FROM_AFAR = np.geomspace(0.4, 0.1, 10)
+ON_SURFACE = 0.075
+"""A return is on a surface of the map up to this distance [m] from it, or in a cell that touches it: the
+more exact, the better are right poses told from wrong ones that suit the drive by chance."""
+FROM_AFAR = np.geomspace(0.5, 0.15, 7)
 """Scale [m] of the robust kernel in each Gauss-Newton iteration of an alignment that begins at a view."""
 FROM_NEAR = np.full(3, 0.1)
 """The same for one that begins at an aligned pose."""
 MOST = 400
-"""Largest number of returns that are aligned, evenly drawn."""
+"""Number of returns that are aligned."""
 FRONT = 0.25
 """So far [m] before a surface the map is free: a wall was not seen from its back."""
 SEEN_THROUGH = 2
@@ -43,14 +44,14 @@ class Stop(NamedTuple):
         Of the sensor.
     hits, fronts : (N, 2) float [m]
         Returns, one for each square of `CELL`, and the points `FRONT` before them on their rays.
-    free : (M,) int
-        Numbers of the squares of `FREE_CELL` that rays pass.
+    passed : (M, 2) float [m]
+        Points on rays, one for each square of `FREE_CELL` that rays pass.
     """
 
     pose: NDArray[np.float64]
     hits: NDArray[np.float64]
     fronts: NDArray[np.float64]
-    free: NDArray[np.int64]
+    passed: NDArray[np.float64]
 
     @classmethod
     def of(cls, pose: NDArray[np.float64], points: NDArray[np.float64]) -> 'Stop':
@@ -62,7 +63,7 @@ class Stop(NamedTuple):
         passed = pose[:2] + (along[step] / length[ray])[:, None] * offset[ray]
         kept = _first_in_square(points)
         fronts = points - np.minimum(FRONT / length, 1.0)[:, None] * offset
-        return cls(pose, points[kept], fronts[kept], np.unique(_squares(passed, FREE_CELL)))
+        return cls(pose, points[kept], fronts[kept], passed[_first_in_square(passed, FREE_CELL)])
 
 
 class Drive(NamedTuple):
@@ -73,7 +74,7 @@ class Drive(NamedTuple):
     hits, fronts : (N, 2) float [m]
         Returns, one for each square of `CELL`, and the points `FRONT` before them on their rays.
     free : (M, 2) float [m]
-        Centres of the free squares of `FREE_CELL`.
+        Points on rays, one for each free square of `FREE_CELL`.
     """
 
     hits: NDArray[np.float64]
@@ -83,21 +84,21 @@ class Drive(NamedTuple):
     @classmethod
     def of(cls, stops: list[Stop]) -> 'Drive':
         """Return what was seen from the `stops`."""
-        hits, fronts = (np.concatenate([getattr(stop, name) for stop in stops]) for name in ('hits', 'fronts'))
-        free, times = np.unique(np.concatenate([stop.free for stop in stops]), return_counts=True)
+        hits, fronts, passed = (np.concatenate([getattr(stop, name) for stop in stops])
+                                for name in ('hits', 'fronts', 'passed'))
+        free, first, times = np.unique(_squares(passed, FREE_CELL), return_index=True, return_counts=True)
         around = np.array([x * _OFFSET + y for x in (-1, 0, 1) for y in (-1, 0, 1)])
         squares = _squares(hits, FREE_CELL)[:, None] + around
         # What other scans saw through, all around, has moved.
         static = ~np.isin(squares, free[times >= SEEN_THROUGH]).all(axis=1)
-        hits, fronts, near = hits[static], fronts[static], np.unique(squares[static])
-        x, y = np.divmod(np.setdiff1d(free, near, assume_unique=True) + _OFFSET // 2, _OFFSET)
+        hits, fronts = hits[static], fronts[static]
         kept = _first_in_square(hits)
-        return cls(hits[kept], fronts[kept], FREE_CELL * (np.column_stack((x, y - _OFFSET // 2)) + 0.5))
+        return cls(hits[kept], fronts[kept], passed[first[~np.isin(free, squares[static])]])
 
 
-def _first_in_square(points):
-    """Return the numbers of the first of the `points` in each square of `CELL`."""
-    return np.sort(np.unique(_squares(points, CELL), return_index=True)[1])
+def _first_in_square(points, side=CELL):
+    """Return the numbers of the first of the `points` (N, 2) in each square of this `side` [m]."""
+    return np.sort(np.unique(_squares(points, side), return_index=True)[1])
 
 
 def _squares(points, side):
@@ -113,7 +114,7 @@ def placed(poses, points):
 
 
 class Aligned(NamedTuple):
-    """A drive aligned with a map.
+    """Returns aligned with a map.
 
     Attributes
     ----------
@@ -123,11 +124,14 @@ class Aligned(NamedTuple):
         The middle of the returns, in the odometry frame.
     information : (H, 3, 3) float
         Of the position of `middle` in the map and of the heading, if each return is independent of the others.
+    agreement : (H,) float
+        Mean weight of the returns in the robust kernel, 0..1.
     """
 
     poses: NDArray[np.float64]
     middle: NDArray[np.float64]
     information: NDArray[np.float64]
+    agreement: NDArray[np.float64]
 
 
 class Matcher:
@@ -139,20 +143,24 @@ class Matcher:
         slope = np.gradient(distance, grid.resolution)
         self._slope = np.stack((slope[1].ravel(), slope[0].ravel()), axis=1)
 
-    def align(self, poses: NDArray[np.float64], drive: Drive, scales: NDArray[np.float64] = FROM_NEAR) -> Aligned:
-        """Move each pose (H, 3) of the odometry frame in the map to where the returns lie on surfaces."""
+    def align(self, poses: NDArray[np.float64], returns: NDArray[np.float64], most: int = MOST,
+              scales: NDArray[np.float64] = FROM_NEAR) -> Aligned:
+        """Move each of the `poses` (H, 3) in the map of a frame to where its `returns` (N, 2) lie on surfaces.
+
+        Of the returns about `most`, evenly drawn, are used.
+        """
         poses = poses.copy()
-        every = max(len(drive.hits) // MOST, 1)
-        points = drive.hits[::every]
+        every = max(len(returns) // most, 1)
+        points = returns[::every]
         # About the middle of the returns: there, rotation and translation are independent.
         middle = points.mean(axis=0)
         arm = points - middle
         poses[:, :2] = placed(poses, middle[None])[:, 0]
-        turn, distance = self.grid.origin.rotation(), self.grid.distance.ravel()
+        turn = self.grid.origin.rotation()
         for scale in scales:
             at = placed(poses, arm)
-            cell = self.grid.cells(at.reshape(-1, 2)).reshape(at.shape[:2])
-            off, slope = distance[cell], self._slope[cell] @ turn.T
+            off, slope = self._nearest(at)
+            slope = slope @ turn.T
             weight = 1.0 / (1.0 + (off / scale) ** 2) ** 2
             lever = at - poses[:, None, :2]
             rotated = slope[..., 1] * lever[..., 0] - slope[..., 0] * lever[..., 1]
@@ -163,7 +171,8 @@ class Matcher:
         poses[:, :2] = placed(poses, -middle[None])[:, 0]
         poses[:, 2] = wrap(poses[:, 2])
         variance = np.maximum((weight * off**2).sum(axis=1) / weight.sum(axis=1), (0.3 * self.grid.resolution) ** 2)
-        return Aligned(poses, middle, every * (normal - np.eye(3)) / variance[:, None, None])
+        return Aligned(poses, middle, every * (normal - np.eye(3)) / variance[:, None, None],
+                       weight.mean(axis=1))
 
     def count(self, poses: NDArray[np.float64], drive: Drive) -> NDArray[np.float64]:
         """Count what agrees at each pose (H, 3) of the odometry frame in the map.
@@ -174,10 +183,20 @@ class Matcher:
             Returns on a surface that is seen from its free side, in free space, and the others, whose surroundings the
             map does not know; free squares that are free, blocked by a surface that should have been seen, and unknown.
         """
-        values, distance = self.grid.values.ravel(), self.grid.distance.ravel()
+        values = self.grid.values.ravel()
         hit, front, square = (self.grid.cells(placed(poses, points).reshape(-1, 2)).reshape(len(poses), -1)
                               for points in (drive.hits, drive.fronts, drive.free))
-        near, blocked = distance[hit] <= ON_SURFACE, values[square] == OCCUPIED
-        on, off, free = near & (values[front] == FREE), ~near & (values[hit] == FREE), values[square] == FREE
-        counted = (on, off, ~on & ~off, free, blocked, ~free & ~blocked)
+        reach = max(ON_SURFACE, 1.5 * self.grid.resolution)
+        # From one to the other in steps of a cell, so that a pose between two cells does not count more than another.
+        near = np.clip((reach - self._nearest(placed(poses, drive.hits))[0]) / self.grid.resolution + 0.5, 0.0, 1.0)
+        on, off = near * (values[front] == FREE), (1.0 - near) * (values[hit] == FREE)
+        free, blocked = values[square] == FREE, values[square] == OCCUPIED
+        counted = (on, off, 1.0 - on - off, free, blocked, ~free & ~blocked)
         return np.column_stack([each.sum(axis=1) for each in counted]).astype(float)
+
+    def _nearest(self, points):
+        """Return the distance (H, N) of points (H, N, 2) from the nearest surface, and its gradient in the grid."""
+        cell, off = self.grid.cells_and_offsets(points.reshape(-1, 2))
+        slope = self._slope[cell]
+        distance = np.abs(self.grid.distance.ravel()[cell] + (slope * off).sum(axis=1))
+        return distance.reshape(points.shape[:2]), slope.reshape(points.shape)

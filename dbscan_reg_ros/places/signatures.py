@@ -9,8 +9,8 @@ is compared with a whole one: columns without a beam are zero.
 import numpy as np
 from numpy.typing import NDArray
 
-BEARINGS = 120
-"""Number of columns of a table; 3 deg."""
+BEARINGS = 60
+"""Number of columns of a table; 6 deg."""
 ROWS, ROW, OFFSET = 16, 0.2, 1.0
 """Number of rows, and the step from one to the next of ``log(range + OFFSET)``: views are up to half a metre away from
 the sensor, which moves near surfaces more than one row and far ones less."""
@@ -49,7 +49,7 @@ class Signatures:
         -------
         (V, BEARINGS) float
             Mean over the bearings that both have of how well the ranges agree, 0..1, if the heading of the scan in the
-            frame of the view is 0, 3, ... 357 deg; less where few bearings are common.
+            frame of the view is 0, 6, ... 354 deg; less where few bearings are common.
         """
         column = np.round((bearings + np.pi) / (2.0 * np.pi) * BEARINGS).astype(int) % BEARINGS
         row = np.clip(np.log(ranges + OFFSET) / ROW, 0.0, ROWS - 1.001)

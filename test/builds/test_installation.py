@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 from rooms import room_log
 
-from dbscan_reg_ros.command_lines import COMMANDS, version
+from dbscan_reg_ros.command_lines import COMMANDS
+from dbscan_reg_ros.version import version
 
 PACKAGE = 'dbscan_reg_ros'
 RUN = '''

@@ -21,10 +21,11 @@ AISLES = -10.0, 10.0
 """y of the two long corridors; two short ones join their ends."""
 
 
-def floor(seed, rooms=7) -> World:
+def floor(seed, rooms=7, alike=False) -> World:
     """Return a floor of two corridors with `rooms` on either side of each; neighbouring rooms differ in size.
 
-    The tour visits every room of the first corridor, then those of the second.
+    The tour visits every room of the first corridor, then those of the second. If they are `alike`, only the ends of
+    the two corridors differ, where others join them.
     """
     rng = np.random.default_rng(seed)
     walls = [wall((x, -0.5 * DEPTH), (x, 0.5 * DEPTH)) for x in (0.0, LENGTH)]
@@ -32,6 +33,7 @@ def floor(seed, rooms=7) -> World:
     left, right = WIDTH, LENGTH - WIDTH
     boxes, bins, visits = [], [], {}
     for aisle in AISLES:
+        rng = np.random.default_rng(seed) if alike else rng
         for side in (-1.0, 1.0):
             inner, outer = aisle + 0.5 * side * WIDTH, aisle + side * 10.0
             shares = rng.uniform(0.6, 1.4, rooms)

@@ -38,6 +38,7 @@ BOUNDS = {'intel': {'right': at_least(0.95), 'wrong_count': at_most(0), 'mean_m'
           'grid': {'right': at_least(0.92), 'wrong_count': at_most(0)},
           'kidnapped': {'again': at_least(1.0), 'wrong_s': at_most(1.0)},
           'changed': {'right': at_least(0.9), 'wrong_count': at_most(0)},
+          'wings': {'wrong_count': at_most(0), 'ambiguous': at_least(0.8)},
           'outside': {'claimed_count': at_most(0), 'said_outside': at_least(0.8)}}
 
 
@@ -56,6 +57,13 @@ def outside_summary(outcomes) -> dict:
     """Return the measures of starts outside a map."""
     return {'starts_count': len(outcomes), 'claimed_count': sum(bool(len(each.localised)) for each in outcomes),
             'said_outside': float(np.mean([State.NOT_IN_MAP in each.states for each in outcomes]))}
+
+
+def wings_summary(outcomes) -> dict:
+    """Return the measures of starts of which another place looks exactly alike."""
+    return {'starts_count': len(outcomes), 'wrong_count': sum(each.wrong() for each in outcomes),
+            'ambiguous': float(np.mean([State.AMBIGUOUS in each.states for each in outcomes])),
+            'found': float(np.mean([bool(len(each.localised)) for each in outcomes]))}
 
 
 def kidnapped_summary(outcomes, firsts, rate) -> dict:
@@ -162,9 +170,23 @@ def of_grids(maps) -> dict:
 
 
 def of_floors(maps) -> dict:
-    """Starts on simulated floors, as mapped and changed."""
-    return {f'{name} {degrees}': summary(outcomes) for name, changed in (('floors', False), ('changed', True))
+    """Starts on simulated floors, as mapped and changed; `map_m`: mean error of the maps as a whole."""
+    errors = {degrees: float(np.mean([known.error for known in floors.values()]))
+              for degrees, floors in maps.floors.items()}
+    return {f'{name} {degrees}': {**summary(outcomes), 'map_m': errors[degrees]}
+            for name, changed in (('floors', False), ('changed', True))
             for degrees, outcomes in maps.inside(changed).items()}
+
+
+def of_wings(maps) -> dict:
+    """Starts on a floor of two wings that are identical but for their ends."""
+    found = {}
+    for degrees, lidar in LIDARS.items():
+        known = floor_map(0, lidar, alike=True)
+        drives = [floor_drive(0, lidar, number, OUTSIDE, alike=True) for number in range(maps.each)]
+        found[f'wings {degrees}'] = wings_summary([followed(known.localizer, scans, known.true_poses(truth), OUTSIDE)
+                                                   for scans, truth in drives])
+    return found
 
 
 def of_carried(maps) -> dict:
@@ -195,7 +217,8 @@ def of_outside(maps) -> dict:
     return found
 
 
-PARTS = {'intel': of_intel, 'grids': of_grids, 'floors': of_floors, 'carried': of_carried, 'outside': of_outside}
+PARTS = {'intel': of_intel, 'grids': of_grids, 'floors': of_floors, 'wings': of_wings, 'carried': of_carried,
+         'outside': of_outside}
 """Name of a table -> what measures it."""
 
 

@@ -29,12 +29,17 @@ COVERED = 2.0
 """A start and its drive stay within this distance [m] of the views of the map."""
 
 
+AROUND = 10.0
+"""A true pose is aligned with the map by the key frames within this distance [m]: an error of the whole map is none of
+the localiser."""
+
+
 @dataclass(frozen=True, eq=False)
 class Mapped:
-    """A map of a drive whose scans had the true poses ``truth`` (N, 3); its frame is aligned with them."""
+    """A map of a drive, and the true poses ``truth`` (K, 3) of its key frames."""
 
     known: Map
-    frame: np.ndarray
+    truth: np.ndarray
 
     @classmethod
     def of(cls, scans, truth) -> 'Mapped':
@@ -45,13 +50,22 @@ class Mapped:
             frames.add(update)
             poses.append(update.pose.as_array())
         graph = frames.graph(np.array(poses), PARAMETERS)
-        aligned = align(graph.poses, truth[frames.numbers])
-        frame = compose(aligned[:1], relative(graph.poses[:1], np.zeros((1, 3))))
-        return cls(Map.of_drive(frames, graph), frame)
+        return cls(Map.of_drive(frames, graph), truth[frames.numbers])
 
     def true_poses(self, truth):
-        """Return the true poses (N, 3) in the frame of the map."""
-        return relative(np.repeat(self.frame, len(truth), axis=0), truth)
+        """Return true poses (N, 3) in the frame of the map around them."""
+        poses, found = self.known.graph.poses, []
+        for pose in truth:
+            away = np.hypot(*(self.truth - pose)[:, :2].T)
+            near = away <= max(AROUND, np.sort(away)[min(2, len(away) - 1)])
+            aligned = align(self.truth[near], poses[near])[:1]
+            found.append(compose(aligned, relative(self.truth[near][:1], pose[None]))[0])
+        return np.array(found)
+
+    @property
+    def error(self) -> float:
+        """Mean error [m] of the key frames, aligned as a whole."""
+        return float(np.hypot(*(align(self.known.graph.poses, self.truth) - self.truth)[:, :2].T).mean())
 
     def distance(self, truth):
         """Return how far (N,) [m] the true poses are from the nearest view."""
@@ -147,16 +161,16 @@ def followed(localizer, scans, truth, metres) -> Outcome:
                    1e3 * max(times))
 
 
-def floor_map(seed, lidar) -> Mapped:
-    """Return the map of one drive along the tour of a floor."""
-    world = floor(seed)
+def floor_map(seed, lidar, alike=False) -> Mapped:
+    """Return the map of one drive along the tour of a floor; `alike` is that of `floor`."""
+    world = floor(seed, alike=alike)
     drive = simulate(world, follow(world.tour, speed=1.2, turn_rate=1.2, radius=0.3), lidar, seed=seed)
     return Mapped.of(drive.scans, drive.truth)
 
 
-def floor_drive(seed, lidar, number, metres, changed=False):
+def floor_drive(seed, lidar, number, metres, changed=False, alike=False):
     """Return scans and true poses of a start on a floor; `changed`: furniture was moved, and there are people."""
-    world = floor(seed)
+    world = floor(seed, alike=alike)
     way = route(world, 1000 * seed + number, metres + 3.0)
     if changed:
         world = with_people(moved(world, 0.2, number), 10, number)
