@@ -57,7 +57,7 @@ else:
     def __getattr__(name):
         """Load the module of a public name when the name is first used: ``--help`` of a command needs no numpy."""
         if name == '__version__':
-            return import_module(f'{__name__}.version').version()
+            return import_module(f'{__name__}.command_lines').version()
         if name not in _HOMES:
             raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
         check_build()

@@ -31,8 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     import argparse
     from importlib import import_module
 
-    from .command_lines import COMMANDS, started_as
-    from .version import add_version
+    from .command_lines import COMMANDS, add_version, started_as
 
     argv = sys.argv[1:] if argv is None else argv
     parser = argparse.ArgumentParser(

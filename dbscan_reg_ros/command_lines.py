@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command lines that are shown to users; each command line runs as printed, in a shell and from any folder."""
+"""Command lines that are shown to users, as printed they run in a shell and from any folder; version of the package."""
+import argparse
 import os
 import shlex
 import shutil
@@ -29,6 +30,8 @@ COMMANDS = {
 """Command -> its module in this package, and its purpose."""
 ROOT = Path(__file__).absolute().parent.parent
 """Folder in which Python finds the package."""
+MANIFEST = ROOT / 'package.xml'
+"""Manifest with the version; it exists only if the package runs from its source tree."""
 
 
 def command_line(command, *words) -> str:
@@ -69,3 +72,25 @@ def _program(started):
     given = [folder for folder in os.environ.get('PYTHONPATH', '').split(os.pathsep) if os.path.isabs(folder)]
     found = dict.fromkeys([os.fspath(ROOT), *given])
     return 'env', f'PYTHONPATH={os.pathsep.join(found)}', *python
+
+
+def version() -> str:
+    """Return the version from the manifest in the source tree, or without one that of the installed package."""
+    if MANIFEST.exists():
+        from xml.etree import ElementTree
+        return str(ElementTree.parse(MANIFEST).getroot().findtext('version'))
+    from importlib.metadata import version as installed
+    return installed(PACKAGE)
+
+
+class _Version(argparse.Action):
+    """Argparse action that looks up the version only if the option is given."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        print(f'{PACKAGE} {version()}')
+        parser.exit()
+
+
+def add_version(parser):
+    """Add the option ``--version`` to a parser."""
+    parser.add_argument('--version', action=_Version, nargs=0, help='show version, and exit')

@@ -32,7 +32,7 @@ def write_bag(path, messages, storage='mcap', kinds=None, store=None):
 
 def scan_bag(path, scans):
     """A ROS 2 bag of `scans` on /scan, or of a dictionary topic -> scans, each recorded at its stamp."""
-    from dbscan_reg_ros.recordings.bags.messages import MessageMaker
+    from dbscan_reg_ros.recordings.bags.with_rosbags import MessageMaker
     from dbscan_reg_ros.recordings.message_fields import scan_fields
     maker = MessageMaker()
     of_topics = scans if isinstance(scans, dict) else {'/scan': scans}

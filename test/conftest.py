@@ -130,8 +130,7 @@ def intel_log(data):
 def beginning(data, tmp_path_factory):
     """A folder of data with the first 20 s of the bag ``urg04lx/exp1`` under its name."""
     pytest.importorskip('rosbags', reason='needs the Python package rosbags')
-    from dbscan_reg_ros.recordings.conversion import convert
-    from dbscan_reg_ros.recordings.kept_part import Kept
+    from dbscan_reg_ros.recordings.conversion import Kept, convert
     folder = tmp_path_factory.mktemp('data')
     (folder / 'urg04lx').mkdir()
     convert(data / 'urg04lx' / 'exp1', folder / 'urg04lx' / 'exp1', Kept(end=20.0))

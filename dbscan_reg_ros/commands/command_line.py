@@ -11,12 +11,11 @@ from contextlib import nullcontext, suppress
 from pathlib import Path
 
 from ..allocation import keep_freed_memory
-from ..command_lines import started_as
+from ..command_lines import add_version, started_as
 from ..core.errors import BuildError, DbscanRegError
 from ..endings import discard, lasting_output
 from ..paths import check_writable, ready_made
 from ..requirements import ROS, MissingPackages, check_packages, is_there, missing_line
-from ..version import add_version
 
 FAILED, BAD_INPUT, INCOMPLETE, INTERRUPTED = 1, 2, 3, 130
 MOST_SHOWN = 5

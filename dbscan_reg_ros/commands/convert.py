@@ -39,8 +39,7 @@ def convert(args):
     from tqdm import tqdm
 
     from ..recordings import find_recording
-    from ..recordings.conversion import convert
-    from ..recordings.kept_part import Kept
+    from ..recordings.conversion import Kept, convert
 
     kept = Kept(args.topic, args.topics, args.start, args.end, [_gap(*words) for words in args.without])
     source = find_recording(args.source, args.data)
@@ -54,7 +53,7 @@ def convert(args):
 
 def _gap(topic, start, end):
     """Return the `Gap` that three words of the command line define."""
-    from ..recordings.kept_part import Gap
+    from ..recordings.conversion import Gap
 
     try:
         gap = Gap(topic, float(start), float(end))

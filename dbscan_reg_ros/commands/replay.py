@@ -162,8 +162,7 @@ def replay_one(path, lidars, parameters, options) -> Replayed:
     """
     from ..replays.faults import Faults
     from ..replays.lidars import lidars_of
-    from ..replays.odometry import describe_prior, recorded_wheels, replay_odometry
-    from ..replays.own_bodies import OwnBodies
+    from ..replays.odometry import OwnBodies, describe_prior, recorded_wheels, replay_odometry
     from ..replays.result_folder import point_latest, register_command
     from ..replays.results import Results
     from ..replays.trajectory import too_few

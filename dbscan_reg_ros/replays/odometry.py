@@ -11,7 +11,9 @@ from ..core.odometry.calibration.odd_one import UNFIT, named
 from ..core.odometry.pipeline import Odometry
 from ..core.registration.records import Status
 from ..core.sensor import FIRST, Sensor
+from ..recordings.checks.scan_warnings import Kind
 from ..robot.base_state import measured_prior, sensor_prior
+from ..robot.own_body import OwnBody, advice, described
 from ..robot.pose_history import PoseHistory
 from ..robot.scan_buffer import RecordedScans
 from .lidars import lidars_of, prepared
@@ -240,3 +242,34 @@ class WheelPriors:
             self._poses.add(following[0], SE2(*following[1]))
         motion = None if self.last is None else self._poses.motion(self.last, stamp)
         return motion and sensor_prior(measured_prior(motion, self._parameters), self._mounting, self._mounting)
+
+
+class OwnBodies:
+    """Finds for each lidar where it sees the robot itself, as the node does; collects what the odometry finds.
+
+    Parameters
+    ----------
+    lidars : list of (str, Mounting)
+        Topic and mounting of each lidar, in the order of their ranks.
+    """
+
+    def __init__(self, lidars):
+        self._lidars = [(topic, mounting, OwnBody()) for topic, mounting in lidars]
+        self._findings = []
+
+    def add(self, scan, update):
+        """Add a scan and its `OdometryUpdate`."""
+        topic, _, body = self._lidars[update.sensor.rank]
+        if update.finding:
+            text = f'{update.finding} (from scan {update.number} on)'
+            self._findings.append((topic, Kind.TIME_INCREMENT.value, text))
+        body.add(scan, update.pose @ update.sensor.pose)
+
+    def found(self, parameters) -> list:
+        """Return topic of the lidar, kind, and a sentence with what to do, for all that was found."""
+        seen = [(parameters.lidar(topic), topic, [each.in_lidar(mounting) for each in body.sectors])
+                for topic, mounting, body in self._lidars if body.sectors]
+        several = len(self._lidars) > 1
+        return self._findings + [
+            (topic, 'own_body', f'{described(sectors)}; {advice(lidar.name, several, lidar.input.mask, sectors)}')
+            for lidar, topic, sectors in seen]

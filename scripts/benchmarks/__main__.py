@@ -5,9 +5,9 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+from dbscan_reg_ros.command_lines import add_version
 from dbscan_reg_ros.commands.command_line import add_data, positive, run
 from dbscan_reg_ros.evaluation.method_names import METHODS
-from dbscan_reg_ros.version import add_version
 
 BENCHMARKS = {
     'pairs': 'pairs k, k+s of the Intel log without an initial guess',

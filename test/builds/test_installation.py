@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 from rooms import room_log
 
-from dbscan_reg_ros.command_lines import COMMANDS
-from dbscan_reg_ros.version import version
+from dbscan_reg_ros.command_lines import COMMANDS, version
 
 PACKAGE = 'dbscan_reg_ros'
 RUN = '''

@@ -20,7 +20,7 @@ WORLD_OUTSIDE = {'asyncio', 'builtins', 'datetime', 'glob', 'gzip', 'io', 'loggi
 LAYERS = (
     {'paths', 'allocation', 'command_lines', 'endings'},
     {'core'},
-    {'build_check', 'version', 'private_graph'},
+    {'build_check', 'private_graph'},
     {'requirements', 'recordings', 'robot'},
     {'evaluation', 'simulation'},
     {'places'},

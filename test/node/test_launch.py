@@ -380,7 +380,7 @@ def test_a_recording_has_to_be_named(launched):
                                               (['/tf'], 'none')])
 def test_the_mounting_is_read_from_static_transforms_that_the_player_publishes(play, tmp_path, topics, mounting):
     pytest.importorskip('rosbags', reason='needs rosbags')
-    from dbscan_reg_ros.recordings.bags.messages import MessageMaker
+    from dbscan_reg_ros.recordings.bags.with_rosbags import MessageMaker
     empty = bytes(MessageMaker().serialize('tf2_msgs/msg/TFMessage', {}))
     bag = write_bag(tmp_path / 'bag', [('/scan', 10, laser_scan()), *((topic, 10, empty) for topic in topics)],
                     kinds=dict.fromkeys(topics, 'tf2_msgs/msg/TFMessage'))
@@ -393,7 +393,7 @@ def test_the_mounting_is_read_from_static_transforms_that_the_player_publishes(p
 def test_of_several_lidars_those_of_the_arguments_are_played(play, tmp_path, monkeypatch, arguments, topics):
     """With the mounting on /tf, as the recording has no static transforms."""
     pytest.importorskip('rosbags', reason='needs rosbags')
-    from dbscan_reg_ros.recordings.bags.messages import MessageMaker
+    from dbscan_reg_ros.recordings.bags.with_rosbags import MessageMaker
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'two.yaml').write_text('/**: {ros__parameters: {scan_topics: [front/scan, /rear/scan]}}')
     mounting = {'header': {'frame_id': 'base_link'}, 'child_frame_id': 'front'}

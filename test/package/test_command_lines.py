@@ -7,9 +7,8 @@ import sys
 import pytest
 
 from dbscan_reg_ros import command_lines
-from dbscan_reg_ros.command_lines import ROOT, command_line, python_line, started_as
+from dbscan_reg_ros.command_lines import ROOT, command_line, python_line, started_as, version
 from dbscan_reg_ros.commands.command_line import make_parser
-from dbscan_reg_ros.version import version
 
 ASK = 'import sys; sys.argv[0] = {started!r}; from dbscan_reg_ros.command_lines import command_line; ' \
       'print(command_line("convert", "--version"))'

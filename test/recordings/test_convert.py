@@ -12,8 +12,7 @@ from dbscan_reg_ros.commands.convert import main
 from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.recordings import conversion, open_recording
 from dbscan_reg_ros.recordings.bags.reading import open_reader
-from dbscan_reg_ros.recordings.conversion import convert
-from dbscan_reg_ros.recordings.kept_part import Gap, Kept
+from dbscan_reg_ros.recordings.conversion import Gap, Kept, convert
 from dbscan_reg_ros.recordings.poses import relative
 
 BAGS = ['lms511/static', pytest.param('urg04lx/exp1', marks=pytest.mark.long), 'ccny_demo/demo.bag']

@@ -9,7 +9,7 @@ from nav_msgs.msg import Odometry as OdometryMessage
 from dbscan_reg_ros import Odometry
 from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.node.interfaces.messages import filled, scan_to_message, segments_to_message
-from dbscan_reg_ros.recordings.bags.messages import MessageMaker
+from dbscan_reg_ros.recordings.bags.with_rosbags import MessageMaker
 from dbscan_reg_ros.recordings.message_fields import odometry_fields, scan_fields, segments_fields, transform_fields
 from dbscan_reg_ros.robot.base_state import base_state
 from dbscan_reg_ros.simulation import demo

@@ -106,7 +106,7 @@ def test_poses_with_a_quaternion_that_is_no_rotation_are_not_used_and_said_with_
 
 def odometry(stamp, w=1.0):
     """A message of wheel odometry with the quaternion (0, 0, 0, w)."""
-    from dbscan_reg_ros.recordings.bags.messages import MessageMaker
+    from dbscan_reg_ros.recordings.bags.with_rosbags import MessageMaker
     from dbscan_reg_ros.recordings.message_fields import header_fields
     maker = MessageMaker()
     return maker.store.deserialize_cdr(maker.serialize(ODOMETRY, {

@@ -12,7 +12,7 @@ from bags import SECOND, laser_scan, text, write_bag
 
 from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.recordings import data_folder, find_recording, open_recording
-from dbscan_reg_ros.recordings.bags.messages import MessageMaker
+from dbscan_reg_ros.recordings.bags.with_rosbags import MessageMaker
 from dbscan_reg_ros.recordings.message_fields import pose_only_fields
 
 

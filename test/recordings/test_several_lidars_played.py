@@ -11,8 +11,7 @@ from ros_helpers import Peer, needs_tf2_msgs, said
 from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.recordings import open_recording, read_tum
-from dbscan_reg_ros.recordings.conversion import convert
-from dbscan_reg_ros.recordings.kept_part import Gap, Kept
+from dbscan_reg_ros.recordings.conversion import Gap, Kept, convert
 from dbscan_reg_ros.recordings.poses import compose
 
 SCANNER = ('--lidar hokuyo_utm30lx --beams 361 --angle-increment 0.75 --duration 0.05 --at {} {} {} --rate {} '
@@ -77,7 +76,7 @@ def test_the_demo_reads_the_mountings_from_the_parameter_file(start_command, tmp
 @needs_rosbags
 def test_the_demo_plays_the_mountings_on_tf_too(tmp_path):
     from dbscan_reg_ros.commands.demo import _channels
-    from dbscan_reg_ros.recordings.bags.messages import MessageMaker
+    from dbscan_reg_ros.recordings.bags.with_rosbags import MessageMaker
     empty = bytes(MessageMaker().serialize('tf2_msgs/msg/TFMessage', {}))
     bag = write_bag(tmp_path / 'bag', [('/scan', 10, laser_scan()), ('/scan_2', 10, laser_scan()), ('/tf', 10, empty)],
                     kinds={'/tf': 'tf2_msgs/msg/TFMessage'})

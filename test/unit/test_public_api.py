@@ -30,10 +30,10 @@ from dbscan_reg_ros import (
     register,
     write_tum,
 )
+from dbscan_reg_ros.command_lines import version
 from dbscan_reg_ros.core.paper.pipeline import register as register_by_paper
 from dbscan_reg_ros.recordings import read_tum
 from dbscan_reg_ros.robot.parameters import NodeParameters
-from dbscan_reg_ros.version import version
 
 PROMISED = {'Scan', 'extract_features', 'register', 'Odometry', 'Parameters', 'SE2', 'Status', 'open_recording',
             'Recording', 'write_tum', 'DbscanRegError', 'ArgumentError', 'ParameterError', 'RecordingError',

@@ -12,10 +12,9 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from ...allocation import keep_freed_memory
-from ...command_lines import started_as
+from ...command_lines import add_version, started_as
 from ...core.errors import BuildError
 from ...requirements import MissingPackages, check_packages
-from ...version import add_version
 from .ros_arguments import split_arguments
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from dbscan_reg_ros.commands.register import main as register
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.recordings import open_recording
-from dbscan_reg_ros.recordings.bags.messages import MessageMaker
+from dbscan_reg_ros.recordings.bags.with_rosbags import MessageMaker
 from dbscan_reg_ros.recordings.message_fields import scan_fields
 from dbscan_reg_ros.replays.lidars import Lidars
 from dbscan_reg_ros.robot.parameters import NodeParameters

@@ -16,8 +16,7 @@ from dbscan_reg_ros.core.errors import RecordingError
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.bags.clouds import CloudParameters
-from dbscan_reg_ros.recordings.conversion import convert
-from dbscan_reg_ros.recordings.kept_part import Kept
+from dbscan_reg_ros.recordings.conversion import Kept, convert
 from dbscan_reg_ros.recordings.message_fields import header_fields, pose_only_fields, scan_fields
 from dbscan_reg_ros.replays.lidars import Lidars
 from dbscan_reg_ros.robot.parameters import NodeParameters
@@ -65,7 +64,7 @@ def placed(child, position, pitch=0.0):
 
 def write(path, messages):
     """A bag of (topic, stamp, fields), each of one of the `KINDS`, else a LaserScan."""
-    from dbscan_reg_ros.recordings.bags.messages import MessageMaker
+    from dbscan_reg_ros.recordings.bags.with_rosbags import MessageMaker
     maker = MessageMaker()
     kinds = {topic: KINDS.get(topic, 'sensor_msgs/msg/LaserScan') for topic, *_ in messages}
     return write_bag(path, [(topic, stamp, bytes(maker.serialize(kinds[topic], fields)))

@@ -20,9 +20,8 @@ from bags import SECOND, write_bag
 from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.commands.replay import main
 from dbscan_reg_ros.recordings import data_folder, open_recording, read_tum
-from dbscan_reg_ros.recordings.bags.messages import MessageMaker
-from dbscan_reg_ros.recordings.conversion import convert
-from dbscan_reg_ros.recordings.kept_part import Kept
+from dbscan_reg_ros.recordings.bags.with_rosbags import MessageMaker
+from dbscan_reg_ros.recordings.conversion import Kept, convert
 from dbscan_reg_ros.recordings.message_fields import scan_fields
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 

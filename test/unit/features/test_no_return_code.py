@@ -9,7 +9,7 @@ import pytest
 from dbscan_reg_ros import Scan, ScanGeometry
 from dbscan_reg_ros.core.no_return import NoReturn
 from dbscan_reg_ros.simulation import Lidar, follow, hall, simulate
-from dbscan_reg_ros.simulation.presets import PRESETS
+from dbscan_reg_ros.simulation.lidar import PRESETS
 from dbscan_reg_ros.simulation.worlds import World, corridor, rooms
 
 ALL_ROUND = Lidar(720, -math.pi, math.radians(0.5), range_max=12.0)

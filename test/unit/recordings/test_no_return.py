@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from dbscan_reg_ros.recordings.carmen.no_return import NoReturn
+from dbscan_reg_ros.recordings.carmen.survey import NoReturn
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
 
