@@ -58,6 +58,19 @@ def test_a_mounting_may_be_on_tf_as_in_recordings_without_tf_static(tmp_path, st
 
 
 @needs_rosbags
+@pytest.mark.parametrize('tilt', [0.0, 0.1, -0.1])
+def test_a_lidar_that_hangs_upside_down_is_known_by_its_transform(tmp_path, tilt):
+    """It is rotated about its x axis, by half a turn and the `tilt` [rad], and then by the yaw."""
+    message = transforms(SECOND, ('base_link', 'front', LASER))
+    half, roll = 0.5 * LASER.theta, 0.5 * (math.pi + tilt)
+    rotation = message.transforms[0].transform.rotation
+    rotation.x, rotation.y = math.cos(half) * math.sin(roll), math.sin(half) * math.sin(roll)
+    rotation.z, rotation.w = math.sin(half) * math.cos(roll), math.cos(half) * math.cos(roll)
+    found = bag_of(tmp_path / 'bag', [('/tf_static', message)]).mounting_on('base_link')
+    assert found.pose.as_array() == pytest.approx(LASER.as_array()) and found.upside_down
+
+
+@needs_rosbags
 def test_a_frame_that_moves_on_tf_is_no_mounting(tmp_path):
     bag = bag_of(tmp_path / 'bag', [moving(k, ('base_link', 'front', SE2(theta=0.1 * k))) for k in range(5)])
     with pytest.raises(MountingError, match=r'none that is constant on /tf$'):
