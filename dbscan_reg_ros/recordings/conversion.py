@@ -101,7 +101,6 @@ def _window(reader, kept):
 
 
 T = TypeVar('T')
-STORAGES = ('mcap', 'sqlite3')
 LOG_TOPICS = {'/wheel_odom': ODOMETRY, '/laser_pose': ODOMETRY, '/truth': ODOMETRY, '/scan': LASER_SCAN}
 """Topic -> message type in a bag made from a CARMEN log, in this order; see `_topics_of`."""
 ALL = Kept()

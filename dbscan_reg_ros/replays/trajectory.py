@@ -8,7 +8,6 @@ import numpy as np
 
 from ..core.errors import DbscanRegError, ScanError
 from ..core.geometry.se2 import SE2
-from ..core.odometry.pipeline import Odometry
 from ..core.registration.records import Status
 from ..evaluation.metrics import duration, errors, path_lengths
 from .lidars import turned
@@ -136,14 +135,6 @@ class Trajectory:
             count = self.number(len(self.used) - 1) + 1 if self.numbers else len(self.milliseconds)
             measures['processor_ms_mean'] = 1e3 * self.processor_seconds / count
         return measures
-
-
-def trajectory_of(scans, parameters) -> Trajectory:
-    """Run the odometry over `scans`; return the `Trajectory` of the sensor."""
-    trajectory = Trajectory()
-    for _ in trajectory.follow(scans, Odometry(parameters)):
-        pass
-    return trajectory
 
 
 def too_few(recording, trajectory) -> DbscanRegError:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from dbscan_reg_ros import Parameters, RecordingError
+from dbscan_reg_ros import Odometry, RecordingError
 from dbscan_reg_ros.commands.compare import main as compare
 from dbscan_reg_ros.commands.convert import main as convert_command
 from dbscan_reg_ros.commands.register import main as register
@@ -16,7 +16,7 @@ from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.conversion import convert
 from dbscan_reg_ros.recordings.poses import compose, relative
-from dbscan_reg_ros.replays.trajectory import trajectory_of
+from dbscan_reg_ros.replays.trajectory import Trajectory
 
 DIFFER = ('the poses of the scans differ from the ODOM lines: they are used as ground truth, the ODOM lines as wheel '
           'odometry')
@@ -238,7 +238,8 @@ def test_at_the_steady_guess_nearly_all_scans_of_logs_without_usable_stamps_regi
         'stamps are of no use (fewer than half are later than the one before): scans are assumed to be 1 s apart']
     assert recording.stamps() == [(first + k) * 10**9 for k in range(recording.count)]
     assert recording.stamps() == [scan.stamp for scan in recording.scans()]
-    trajectory = trajectory_of(recording.scans(), Parameters())
+    trajectory = Trajectory()
+    assert len(list(trajectory.follow(recording.scans(), Odometry()))) == sum(trajectory.used)
     registered = sum(status in (Status.OK, Status.DEGENERATE) for status in trajectory.statuses)
     assert registered >= fewest, trajectory.statuses
     assert recording.problems == [] and recording.watch.lines() == []

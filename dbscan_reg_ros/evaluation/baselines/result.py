@@ -8,6 +8,7 @@ from ...core.registration.records import Status
 
 TRANSLATION_CHANGE = 1e-4
 ROTATION_CHANGE = 1e-4
+MOST_STEPS = 50
 
 
 @dataclass(frozen=True)
@@ -26,13 +27,13 @@ class Result:
     status: Status
 
 
-def iterate(step, guess, limit=50) -> Result:
+def iterate(step, guess) -> Result:
     """Apply ``step(transform) -> transform`` until the transform changes by less than 0.1 mm and 0.1 mrad.
 
     `step` returns None if it finds no correspondences; the result is then FAILED.
     """
     transform = guess
-    for _ in range(limit):
+    for _ in range(MOST_STEPS):
         better = step(transform)
         if better is None:
             return Result(transform, Status.FAILED)

@@ -7,7 +7,6 @@ from typing import NamedTuple
 from rclpy.node import Node
 
 from ...core.geometry.mounting import Mounting
-from ...core.geometry.se2 import SE2
 from ...core.parameters.features import ScanParameters
 from ...core.scan import Scan
 from ...core.sensor import FIRST, Sensor
@@ -210,10 +209,6 @@ class Lidar:
     def sensor(self, mounting: Mounting) -> Sensor:
         """Return the `Sensor` of a scan, which with several lidars contains the pose of the lidar on the base."""
         return Sensor(self.sensor_name, mounting.aligned_pose, self.rank, self._limits) if self._several else FIRST
-
-    def followed_pose(self, mounting: Mounting) -> SE2:
-        """Return the pose of the tracked frame in the base frame: the only lidar, or the base if there are several."""
-        return SE2() if self._several else mounting.aligned_pose
 
 
 class OdometryTrigger:
