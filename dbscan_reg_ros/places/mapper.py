@@ -134,22 +134,22 @@ class Mapper:
             self._lost, self._localizer = False, None
         if self._lost:
             return
-        at = self._in_map(known or self._relation)
+        at, before = self._in_map(known or self._relation), len(self._constraints)
         alike = shows_the_same(self._poses, at.as_array(), update.features.measured)
         alike &= np.array([name == update.sensor.name for name in self._sensors])
         if not alike.any():
-            before, number = self._relation, len(self._views)
-            self._insert(update, self._in_map(before), self._covariance_of(before))
-            self._constrain(before.frame, number, before.motion, before.covariance)
+            chain, number = self._relation, len(self._views)
+            self._insert(update, self._in_map(chain), self._covariance_of(chain))
+            self._constrain(chain.frame, number, chain.motion, chain.covariance)
             self._relation = _Relation(number, SE2(), np.zeros((DOF, DOF)))
             if known:
                 self._constrain(known.frame, number, known.motion, known.covariance)
         elif known:
-            before, turn = self._relation, known.motion.adjoint()
-            self._constrain(before.frame, known.frame, before.motion @ known.motion.inverse(),
-                            turn @ (before.covariance + known.covariance) @ turn.T)
+            chain, turn = self._relation, known.motion.adjoint()
+            self._constrain(chain.frame, known.frame, chain.motion @ known.motion.inverse(),
+                            turn @ (chain.covariance + known.covariance) @ turn.T)
             self._relation = known
-        if known:
+        if known and len(self._constraints) > before:
             self._poses = optimise(self._poses, self.graph.constraints)
 
     def _again(self, update: OdometryUpdate) -> _Relation | None:
