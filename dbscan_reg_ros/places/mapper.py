@@ -100,6 +100,14 @@ class Mapper:
         covariances = np.array([covariance for _, covariance in self._constraints.values()]).reshape(-1, DOF, DOF)
         return PoseGraph(self._poses, Constraints(pairs, motions, covariances))
 
+    @property
+    def anchor(self) -> tuple[int, SE2]:
+        """A key frame near the robot, and the pose of the odometry frame in it, by the latest key frame.
+
+        With the `graph` of the whole drive they give its final poses: ``graph.poses[number] @ pose @ update.pose``.
+        """
+        return self._relation.frame, self._relation.motion @ self._place.inverse()
+
     def map(self, mounting: SE2 = SE2()) -> Map:
         """Return the map so far; it does not change when the mapper goes on. `mounting` is that of the `Map`."""
         return Map(self.graph, list(self._views), mounting)
@@ -216,7 +224,8 @@ class Mapper:
         """Return what is known at the pose of an update."""
         if not self._views:
             return Localization(State.SEARCHING, None, None, None, [], 1.0)
-        transform = self._in_map(self._relation) @ self._place.inverse()
+        number, odometry = self.anchor
+        transform = SE2.from_array(self._poses[number]) @ odometry
         pose, covariance = transform @ update.pose, LOST
         if not self._lost:
             covariance = self._covariance_of(self._relation)
