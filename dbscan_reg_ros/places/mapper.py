@@ -12,7 +12,7 @@ from ..core.parameters.tree import Parameters
 from ..core.registration.pipeline import register
 from ..core.registration.records import Status
 from ..core.registration.status import demoted_if_poor
-from .key_frames import AWAY, DRIFT, NEAR, STEP_SPREAD, TRIED, TURNED, UNKNOWN_SPREAD
+from .key_frames import AWAY, DRIFT, NEAR, STEP_SPREAD, TRIED, TURNED
 from .localizer import LOST, Localization, Localizer, State
 from .map import Map, View, shows_the_same
 from .pose_graph import Constraints, PoseGraph, optimise
@@ -138,27 +138,41 @@ class Mapper:
     def _locate(self, update: OdometryUpdate) -> None:
         """Find the latest key frame among those of the map, or add it."""
         known = self._again(update)
-        if known:
-            self._lost, self._localizer = False, None
         if self._lost:
-            return
-        at, before = self._in_map(known or self._relation), len(self._constraints)
-        alike = shows_the_same(self._poses, at.as_array(), update.features.measured)
+            if known is None:
+                return
+            # Nothing is known of the motion since the loss.
+            self._lost, self._localizer, self._relation = False, None, known
+        chain, before = self._relation, len(self._constraints)
+        alike = shows_the_same(self._poses, self._in_map(known or chain).as_array(), update.features.measured)
         alike &= np.array([name == update.sensor.name for name in self._sensors])
-        if not alike.any():
-            chain, number = self._relation, len(self._views)
+        is_new = not alike.any()
+        if is_new:
+            number = len(self._views)
             self._insert(update, self._in_map(chain), self._covariance_of(chain))
             self._constrain(chain.frame, number, chain.motion, chain.covariance)
             self._relation = _Relation(number, SE2(), np.zeros((DOF, DOF)))
             if known:
                 self._constrain(known.frame, number, known.motion, known.covariance)
         elif known:
-            chain, turn = self._relation, known.motion.adjoint()
+            turn = known.motion.adjoint()
             self._constrain(chain.frame, known.frame, chain.motion @ known.motion.inverse(),
                             turn @ (chain.covariance + known.covariance) @ turn.T)
-            self._relation = known
         if known and len(self._constraints) > before:
             self._poses = optimise(self._poses, self.graph.constraints)
+        if known and not is_new:
+            self._relation = self._weighed(known, chain)
+
+    def _weighed(self, known: _Relation, chain: _Relation) -> _Relation:
+        """Return the relation `known` with the mean of its motion and of that by the `chain` of motions.
+
+        The covariance stays that of `known`, as the errors of both depend on each other.
+        """
+        by_chain, heading = self._in_frame(known.frame, chain), self._in_map(known).theta
+        of_chain, of_known = (turned(self._covariance_of(each), -heading) for each in (chain, known))
+        off = (by_chain.inverse() @ known.motion).as_array()
+        moved = SE2.from_array(of_chain @ np.linalg.solve(of_chain + of_known, off))
+        return known._replace(motion=by_chain @ moved)
 
     def _again(self, update: OdometryUpdate) -> _Relation | None:
         """Return the relation of a key frame to one of the map that was seen long before; None if there is none."""
@@ -212,6 +226,10 @@ class Mapper:
         """Return the pose of the sensor of a relation in the map."""
         return SE2.from_array(self._poses[relation.frame]) @ relation.motion
 
+    def _in_frame(self, frame: int, relation: _Relation) -> SE2:
+        """Return the pose of the sensor of a relation in a key frame."""
+        return SE2.from_array(self._poses[frame]).inverse() @ self._in_map(relation)
+
     def _covariance_of(self, relation: _Relation) -> NDArray[np.float64]:
         """Return the covariance of the pose of the sensor of a relation, for (x, y, theta) in the map."""
         at, pose = self._poses[relation.frame], self._in_map(relation)
@@ -237,7 +255,5 @@ class Mapper:
 
 def _step_covariance(update: OdometryUpdate) -> NDArray[np.float64]:
     """Return the covariance (3, 3) of the motion since the last key frame, in the frame of this one."""
-    if update.starts_track:
-        return np.diag(UNKNOWN_SPREAD) ** 2
     spread = np.diag(STEP_SPREAD) ** 2
     return spread if update.registration is None else update.registration.covariance + spread
