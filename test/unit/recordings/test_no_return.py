@@ -71,6 +71,14 @@ def test_fewer_than_twenty_readings_decide_nothing():
     assert limit_of([ranges[:38]]) is None and limit_of([ranges]) == pytest.approx(7.992)
 
 
+def test_a_value_that_is_rarer_than_the_ranges_just_below_it_is_no_code():
+    """A wall of slightly different ranges, and a few isolated ones that are 1 % longer."""
+    ranges = np.linspace(7.93, 7.95, 180)
+    ranges[::9] = 8.0
+    lost = np.where(np.arange(180) % 9 == 0, 8.0, 2.0)
+    assert limit_of([ranges, lost, lost]) is None and limit_of([lost, lost, lost]) == pytest.approx(7.992)
+
+
 def test_what_is_no_number_and_what_is_beyond_the_range_does_not_count():
     ranges = np.array([1.0, np.inf, np.nan, 0.0, -1.0, 90.0] * 30)
     found = NoReturn()
