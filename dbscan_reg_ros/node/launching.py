@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -66,6 +67,7 @@ def scan_matcher_arguments(map_mode: str = '') -> list[Any]:
         argument('use_sim_time', 'true: take the time from /clock'),
         argument('lifecycle', 'true: start the lifecycle node, scan_matcher_lifecycle', 'false'),
         argument('autostart', 'true: configure and activate the lifecycle node', 'true'),
+        argument('respawn', 'true: start the node again 2 s after it has ended', 'false'),
         argument('rviz', 'true: start rviz2 with config/scan_matcher.rviz', 'false'),
         argument('log_level', 'lowest severity of logged messages: debug, info, warn, error or fatal'),
     ]
@@ -89,13 +91,15 @@ def scan_matcher_actions(context: LaunchContext, defaults: Sequence[tuple[str, s
     from launch_ros.actions import Node
 
     given = LaunchArguments(context.launch_configurations)
-    options = {
+    options: dict[str, Any] = {
         'package': PACKAGE, 'name': 'scan_matcher', 'output': 'screen',
         'namespace': given.text('namespace'),
         'remappings': given.remappings(),
         'parameters': _parameters(given),
         'ros_arguments': [word for name, value in defaults for word in ('-p', f'{name}:={value}')] + given.log_level(),
     }
+    if given.switch('respawn'):
+        options.update(respawn=True, respawn_delay=2.0)
     actions = (_lifecycle(options, given.switch('autostart')) if given.switch('lifecycle')
                else [Node(executable='scan_matcher', **options)])
     return [*actions, _rviz(given, dict(defaults))] if given.switch('rviz') else actions
@@ -214,17 +218,42 @@ def _rviz(given: LaunchArguments, defaults: Mapping[str, str]) -> Any:
     except PackageNotFoundError:
         raise ParameterError("rviz = 'true': rviz2 is not installed; install it: "
                              f'sudo apt install ros-{os.environ.get("ROS_DISTRO", "jazzy")}-rviz2') from None
-    words = ['-d', str(_config() / 'scan_matcher.rviz')]
-    if given.text('odom_frame'):
-        words += ['-f', given.text('odom_frame')]
-    topics = [(f'/{topic}', topic) for topic in SHOWN] + [('/scan', given.text('scan_topic') or 'scan')]
+    parameters = _node_parameters(given)
+    scans = [topic if topic != 'scan' else given.text('scan_topic') or topic for topic in parameters.scan_topics]
+    topics = [(f'/{topic}', topic) for topic in SHOWN]
+    topics += [(_shown_scan(number), topic) for number, topic in enumerate(scans)]
     sim_time = given.switch('use_sim_time') if given.text('use_sim_time') else defaults.get('use_sim_time') == 'true'
-    return Node(package='rviz2', executable='rviz2', output='log', namespace=given.text('namespace'), arguments=words,
-                remappings=given.transform_remappings() + topics, parameters=[{'use_sim_time': sim_time}])
+    return Node(package='rviz2', executable='rviz2', output='log', namespace=given.text('namespace'),
+                arguments=['-d', _rviz_config(parameters, len(scans))], parameters=[{'use_sim_time': sim_time}],
+                remappings=given.transform_remappings() + topics)
+
+
+def _shown_scan(number: int) -> str:
+    """Return the topic of the scans of a lidar in the configuration of RViz."""
+    return '/scan' if number == 0 else f'/scan{number + 1}'
+
+
+def _rviz_config(parameters: NodeParameters, lidars: int) -> str:
+    """Write config/scan_matcher.rviz with the frames of the node and the scans of all lidars; return the path."""
+    import yaml
+
+    config = yaml.safe_load((_config() / 'scan_matcher.rviz').read_text(encoding='utf-8'))
+    manager = config['Visualization Manager']
+    manager['Global Options']['Fixed Frame'] = parameters.odom_frame
+    manager['Views']['Current']['Target Frame'] = parameters.base_frame
+    displays = manager['Displays']
+    scan = next(display for display in displays if display['Class'].endswith('/LaserScan'))
+    for number in range(1, lidars):
+        topic = scan['Topic'] | {'Value': _shown_scan(number)}
+        displays.append(scan | {'Name': f'{scan["Name"]} {number + 1}', 'Topic': topic})
+    with tempfile.NamedTemporaryFile('w', prefix='scan_matcher_', suffix='.rviz', delete=False,
+                                     encoding='utf-8') as file:
+        yaml.safe_dump(config, file)
+    return file.name
 
 
 def _node_parameters(given: LaunchArguments) -> NodeParameters:
-    """Return the parameters of the node by ``params_file``, or the defaults; with ``base_frame``, if it is given.
+    """Return the parameters of the node by ``params_file``, or the defaults; with the frames that are given.
 
     A file that is wrong by itself may be right with the launch arguments; if it is not, the node names what is wrong.
     """
@@ -235,7 +264,8 @@ def _node_parameters(given: LaunchArguments) -> NodeParameters:
     if path.is_file():
         with suppress(ParameterError):
             parameters = read_parameters(path)
-    return dataclasses.replace(parameters, base_frame=given.text('base_frame') or parameters.base_frame)
+    return dataclasses.replace(parameters, odom_frame=given.text('odom_frame') or parameters.odom_frame,
+                               base_frame=given.text('base_frame') or parameters.base_frame)
 
 
 def _opened(recording: str, topics: Sequence[str]) -> Recording | None:

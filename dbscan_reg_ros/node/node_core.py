@@ -9,6 +9,7 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.timer import Timer
 
 from ..core.errors import DbscanRegError
 from ..core.geometry.mounting import Mounting
@@ -17,7 +18,7 @@ from ..core.odometry.pipeline import Odometry
 from ..core.odometry.records import OdometryUpdate
 from ..core.registration.records import Status
 from ..core.scan import SECOND, in_nanoseconds
-from ..robot.base_state import BaseState, InitialPose, base_state
+from ..robot.base_state import BaseState, InitialPose, base_state, predicted_state
 from ..robot.parameters import NodeParameters
 from ..robot.scan_buffer import ScanBuffer
 from .frames.mountings import Mountings
@@ -31,6 +32,7 @@ from .interfaces.scan_reader import ScanMessage
 from .interfaces.services import Services
 from .monitoring.diagnostics import PERIOD, Diagnostics
 from .priors import Priors
+from .state_file import StateFile
 from .throttled_log import ThrottledLog
 
 if TYPE_CHECKING:
@@ -89,11 +91,18 @@ class NodeCore:
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True),
             post_callback=self._on_time_jump)
         node.create_timer(PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._initial = InitialPose()
+        self._state_file = StateFile(node, parameters)
+        self._initial = self._state_file.load() or self._at_start()
+        node.context.on_shutdown(self._write_state)
         self._origin: SE2 | None = None
+        self._between: Timer | None = None
         self._last: tuple[Lidar, ScanMessage, BaseState] | None = None
         self._reconfigure(parameters)
         live.changed = self._reconfigure
+
+    def _at_start(self) -> InitialPose:
+        """Return the pose of the base at the first scan."""
+        return InitialPose(SE2.from_array(self._live.value.initial_pose))
 
     def _make_in_map(self, parameters: NodeParameters) -> 'RobotInMap | None':
         """Make what localises or maps; without it nothing of that is imported."""
@@ -118,10 +127,16 @@ class NodeCore:
     def close(self) -> None:
         """Destroy the publishers, subscriptions, services and timers created on the node, but keep its parameters."""
         self._live.changed = None
+        self._write_state()
         self._jumps.unregister()
         if self._in_map:
             self._in_map.close()
         self._entities.destroy()
+
+    def _write_state(self) -> None:
+        """Write the last state of the base to ``state_file``."""
+        if self._last:
+            self._state_file.write(self._last[2])
 
     def _reconfigure(self, parameters: NodeParameters, names: Collection[str] = ()) -> None:
         """Apply `parameters`; `names` are the parameters that were just set, even to their old values."""
@@ -134,6 +149,10 @@ class NodeCore:
         for lidar in self._lidars:
             lidar.reconfigure(parameters)
         self._sender.reconfigure(parameters, insist='publish_tf' in names)
+        if self._between:
+            self._node.destroy_timer(self._between)
+        rate = parameters.publish_rate
+        self._between = self._node.create_timer(1.0 / rate, self._publish_between) if rate else None
 
     def _patience(self, lidar: Lidar, message: ScanMessage) -> float:
         """Return how long [s] after its arrival a scan may wait.
@@ -240,10 +259,20 @@ class NodeCore:
         lidar.counters.body.add(scan, update.pose @ update.sensor.pose)
         lidar.counters.processed_scan(update, self._origin, followed.aligned_pose, time.perf_counter() - began)
 
+    def _publish_between(self) -> None:
+        """Publish transform and ``odom`` between two scans, as predicted from the last one."""
+        if self._last is None or self._services.paused:
+            return
+        state, now = self._last[2], self._node.get_clock().now().nanoseconds
+        if 0 < now - state.stamp <= self._live.value.odometry.coast_time * SECOND:
+            predicted = predicted_state(state, now, self._odometry.parameters)
+            self._sender.send_predicted(predicted)
+            self._outputs.publish_predicted(predicted)
+
     def _on_stamps_restart(self, lidar: Lidar) -> None:
         """Reset the odometry; if scans of an earlier lidar are received, only the driver of this one has restarted."""
         if self._trigger.leads(lidar.rank):
-            self._reset(f'{lidar.label}{lidar.competition or "the stamps of the scans start again"}', InitialPose())
+            self._reset(f'{lidar.label}{lidar.competition or "the stamps of the scans start again"}')
         else:
             lidar.stamps.restart()
 
@@ -261,10 +290,10 @@ class NodeCore:
         elif update.contradicted:
             lidar.log.warn(update.contradiction)
 
-    def _reset(self, reason: str, initial: InitialPose) -> None:
-        """Restart the odometry at the next scan, at which the base has the pose `initial`."""
+    def _reset(self, reason: str, initial: InitialPose | None = None) -> None:
+        """Restart the odometry at the next scan, at which the base has the pose `initial`, or ``initial_pose``."""
         self._node.get_logger().info(f'odometry reset: {reason}')
-        self._initial = initial
+        self._initial = initial or self._at_start()
         self._origin = self._last = None
         self._odometry.reset()
         self._outputs.reset()
@@ -285,6 +314,8 @@ class NodeCore:
         self._outputs.publish_grid()
         if self._in_map:
             self._in_map.on_timer()
+        if self._last:
+            self._state_file.keep(self._last[2])
         adopted = [lidar.adopt_type() for lidar in self._lidars]
         if any(adopted):
             self._diagnostics.restart()
@@ -317,7 +348,7 @@ class NodeCore:
         if self._listener:
             self._listener.restart()
         held = [lidar.stamps.held for lidar in self._lidars]
-        self._reset(f'the clock went back by {-jump.delta.nanoseconds * 1e-9:.1f} s', InitialPose())
+        self._reset(f'the clock went back by {-jump.delta.nanoseconds * 1e-9:.1f} s')
         for lidar, message in zip(self._lidars, held, strict=True):
             lidar.reader.restart()
             # The first scan of a recording that starts again may come before its clock.

@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """State of the robot's base, computed from the pose and twist of the lidar mounted on it."""
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.mounting import Mounting
-from ..core.geometry.se2 import SE2, lever_arm, turn_matrix
+from ..core.geometry.se2 import SE2, lever_arm, turn_matrix, turned
+from ..core.odometry.models.covariance import displacement_covariance
 from ..core.odometry.records import OdometryUpdate
+from ..core.parameters.tree import Parameters
 from ..core.registration.records import Prior
+from ..core.scan import SECOND
 from .parameter_groups import NodePriorParameters
 
 _IDENTITY = SE2()
@@ -80,6 +84,25 @@ def base_state(update: OdometryUpdate, origin: SE2, sensor_pose: SE2, initial: I
     adjoint = sensor_pose.adjoint()
     return BaseState(update.stamp, pose, covariance, adjoint @ update.twist,
                      adjoint @ update.twist_covariance @ adjoint.T)
+
+
+def predicted_state(state: BaseState, stamp: int, parameters: Parameters) -> BaseState:
+    """Predict the state of the base at a `stamp` [ns] after that of a `state`, whose twist goes on.
+
+    The covariances grow by that of the twist and by that of unknown accelerations.
+    """
+    time = (stamp - state.stamp) / SECOND
+    vx, vy, omega = (state.twist * time).tolist()
+    half = 0.5 * omega
+    # The chord of the arc points into the mean direction and is shorter by sin(h) / h.
+    chord = np.sinc(half / math.pi)
+    step = SE2(0.0, 0.0, half) @ SE2(chord * vx, chord * vy, half)
+    pose, back = state.pose @ step, step.inverse().adjoint()
+    changed = displacement_covariance(time, parameters)
+    moved = turned(time ** 2 * back @ state.twist_covariance @ back.T + changed, pose.theta)
+    lever = lever_arm(pose.x - state.pose.x, pose.y - state.pose.y)
+    return BaseState(stamp, pose, lever @ state.covariance @ lever.T + moved, state.twist,
+                     state.twist_covariance + changed * (2.0 / time) ** 2)
 
 
 def measured_prior(motion: SE2, parameters: NodePriorParameters) -> Prior:

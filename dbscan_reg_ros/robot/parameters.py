@@ -49,7 +49,7 @@ class NodeParameters(Parameters):
 
     odom_frame: str = parameter(
         'odom', read_only=True,
-        help='Frame in which poses are published. Its origin is the pose of the base at the first scan.')
+        help='Frame in which poses are published. The base is at initial_pose in it at the first scan.')
     base_frame: str = parameter(
         'base_link', read_only=True, help='Frame of the robot base, whose pose and twist are published.')
     publish_tf: bool = parameter(
@@ -58,6 +58,21 @@ class NodeParameters(Parameters):
         False, read_only=True,
         help='If true, the transform on /tf has odom_frame as the child of base_frame. Use it for a base_frame that '
              'already has another parent.')
+    publish_rate: float = parameter(
+        0.0, unit='Hz', bounds=(0.0, 200.0),
+        help='Rate at which the transform and odom are published between scans as well, as the last twist predicts '
+             'them, with a covariance that grows, for advanced.odometry.coast_time at most. Larger values suit '
+             'controllers that are faster than the lidar, and need more computing time; 0 publishes at each scan only. '
+             'The scan itself then gives no odom if a later one was published, but always its transform.')
+    initial_pose: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), bounds=(-1e6, 1e6), read_only=True,
+        help='Pose of the base in odom_frame at the first scan: x [m], y [m] and yaw [rad]. The pose of state_file, if '
+             'there is one, is used in its place; set_pose sets another one later.')
+    state_file: str = parameter(
+        '', read_only=True,
+        help='File that keeps the pose of the base over a restart of the node: it is written every 5 s and at the end, '
+             'and read at the start, if it is at most an hour old, with the covariance of an unknown motion in the '
+             'meantime. Empty: no file.')
     publish_grid: bool = parameter(
         False, read_only=True,
         help='If true, the node publishes an occupancy grid of the key frames around the robot on the topic '
@@ -114,6 +129,7 @@ class NodeParameters(Parameters):
         if len(set(self.scan_topics)) < len(self.scan_topics):
             raise ParameterError(f'scan_topics = {list(self.scan_topics)}: expected each topic once')
         for name, values, size, lidars in (('laser_pose', self.laser_pose, 3, 1),
+                                           ('initial_pose', self.initial_pose, 3, 1),
                                            ('input.mask', self.input.mask, 2 * SECTORS, count),
                                            ('input.time_offset', self.input.time_offset, 1, count)):
             _check_count(name, values, size, lidars)

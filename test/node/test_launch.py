@@ -39,7 +39,8 @@ SENSORS = ['hokuyo_urg04lx', 'hokuyo_utm30lx', 'ldrobot_ld19', 'ldrobot_stl27l',
 TRANSFORMS = [('/tf', 'tf'), ('/tf_static', 'tf_static')]
 COMMON = {'namespace': '', 'remap_tf': 'true', 'scan_topic': '', 'sensor': '', 'params_file': '', 'odom_frame': '',
           'base_frame': '', 'direction': '', 'publish_tf': '', 'mounting': '', 'prior': '', 'map_mode': '', 'map': '',
-          'use_sim_time': '', 'lifecycle': 'false', 'autostart': 'true', 'rviz': 'false', 'log_level': ''}
+          'use_sim_time': '', 'lifecycle': 'false', 'autostart': 'true', 'respawn': 'false', 'rviz': 'false',
+          'log_level': ''}
 ARGUMENTS = {'scan_matcher': COMMON, 'play': COMMON | {'recording': None, 'rate': '1.0', 'topics': ''},
              'localization': COMMON | {'map_mode': 'localize'}}
 
@@ -320,7 +321,7 @@ def handled(handler, event):
 
 
 @pytest.mark.parametrize('name', FILES)
-def test_rviz_is_started_in_the_namespace_with_all_that_it_shows(launched, prefix, root, name):
+def test_rviz_is_started_in_the_namespace_with_all_that_it_shows(launched, prefix, name):
     prefix('rviz2')
     recording = {'recording': 'missing.log'} if name == 'play' else {}
     matcher, rviz, *_ = launched(name, rviz='true', namespace='robot1', scan_topic='laser', odom_frame='map',
@@ -328,13 +329,35 @@ def test_rviz_is_started_in_the_namespace_with_all_that_it_shows(launched, prefi
     assert matcher.executable == 'scan_matcher'
     assert (rviz.package, rviz.executable, rviz.name) == ('rviz2', 'rviz2', None)
     found = rules(rviz)
-    flag, config, *frame = found.own
-    assert (flag, os.path.realpath(config), frame) == ('-d', str(root / 'config' / 'scan_matcher.rviz'), ['-f', 'map'])
-    shown = yaml.safe_load((root / 'config' / 'scan_matcher.rviz').read_text())['Visualization Manager']['Displays']
-    topics = {display['Topic']['Value'] for display in shown if 'Topic' in display}
-    expected = {(topic, 'laser' if topic == '/scan' else topic.removeprefix('/')) for topic in topics}
+    shown, frame, followed = configured(found)
+    assert (frame, followed) == ('map', 'base_link')
+    expected = {(topic, 'laser' if topic == '/scan' else topic.removeprefix('/')) for topic in shown}
     assert set(found.remap) == {('__ns', '/robot1'), *TRANSFORMS, *expected}
     assert values(found) == {'use_sim_time': name == 'play'}
+
+
+def configured(found):
+    """Topics, fixed frame and followed frame of the configuration that RViz is started with."""
+    flag, config = found.own
+    assert flag == '-d'
+    manager = read(config)['Visualization Manager']
+    topics = [display['Topic']['Value'] for display in manager['Displays'] if 'Topic' in display]
+    return topics, manager['Global Options']['Fixed Frame'], manager['Views']['Current']['Target Frame']
+
+
+def test_rviz_shows_the_scans_of_all_lidars_and_follows_the_base(launched, prefix, tmp_path):
+    prefix('rviz2')
+    file = parameter_file(tmp_path / 'two.yaml', {'scan_topics': ['front/scan', '/rear'], 'base_frame': 'chassis'})
+    found = rules(launched('scan_matcher', rviz='true', params_file=file)[1])
+    shown, frame, followed = configured(found)
+    assert (frame, followed) == ('odom', 'chassis')
+    assert {'/scan', '/scan2'} < set(shown)
+    assert {('/scan', 'front/scan'), ('/scan2', '/rear')} < set(found.remap)
+
+
+def test_with_respawn_the_node_is_started_again(launched):
+    [node] = launched('scan_matcher', respawn='true')
+    assert node.process == {'output': 'screen', 'respawn': True, 'respawn_delay': 2.0}
 
 
 def test_rviz_takes_the_time_that_is_asked_for(launched, prefix):

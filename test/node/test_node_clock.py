@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import rclpy  # noqa: F401 - needs ROS
 from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
 from ros_helpers import TIMEOUT, Loudspeaker, changed, diagnosis, distances, played, pose_of, restamped, said
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
@@ -35,6 +36,39 @@ def test_scans_are_answered_while_simulated_time_is_constant(start_node, player,
     received = peer.listen(DiagnosticArray, '/diagnostics')
     assert played(player, scans[:5]).lost == 0
     assert diagnosis(peer, received, lambda s: s.message == 'tracking')
+
+
+def test_between_scans_odom_and_transform_are_predicted(start_node, player, peer, scans):
+    """Stamps of odom increase, every scan has its transform, and nothing is sent after `coast_time` or in a pause."""
+    tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
+    start_node('-p', 'use_sim_time:=true', '-p', 'publish_rate:=50.0')
+    odom, transforms = peer.subscribe(Odometry, '/odom'), peer.subscribe(tf_type, '/tf')
+    clock = Loudspeaker(peer, Clock, '/clock')
+    assert played(player, scans[:20]).lost == 0
+
+    def at(stamp):
+        clock.tell(Clock(clock=stamp_to_message(stamp)))
+        peer.greet()
+
+    peer.until(lambda: len(odom) == 20)
+    last = pose_of(odom[-1])
+    for ahead in (40, 80, 150, 900, 1100, 1200):
+        at(scans[19].stamp + ahead * SECOND // 1000)
+    stamps = [in_nanoseconds(message.header.stamp) - scans[19].stamp for message in odom[20:]]
+    assert [stamp // 1_000_000 for stamp in stamps] == [40, 80, 150, 900]
+    velocity = odom[19].twist.twist.linear
+    assert math.hypot(pose_of(odom[21]).x - last.x, pose_of(odom[21]).y - last.y) == pytest.approx(
+        0.08 * math.hypot(velocity.x, velocity.y), rel=1e-3)
+    assert odom[22].pose.covariance[0] > odom[20].pose.covariance[0] > odom[19].pose.covariance[0]
+    player.play(scans[20:30], patience=0.3)
+    sent = peer.until(lambda: len(transforms) >= 34 and transforms)
+    assert {scan.stamp for scan in scans[:30]} <= {in_nanoseconds(m.transforms[0].header.stamp) for m in sent}
+    stamps = [in_nanoseconds(message.header.stamp) for message in odom]
+    assert stamps == sorted(set(stamps))
+    assert peer.call(SetBool, '/scan_matcher/pause', SetBool.Request(data=True)).success
+    count = len(transforms)
+    at(scans[29].stamp + 20_000_000)
+    assert len(transforms) == count
 
 
 def test_a_looped_bag_restarts_the_odometry_with_each_loop(node, player, peer, scans, truth):

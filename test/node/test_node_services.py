@@ -76,6 +76,23 @@ def test_a_pose_that_is_set_is_that_of_the_next_scan(start_node, player, peer, s
     assert np.diag(last)[[0, 1]] == pytest.approx(0.04 + 0.04 * moved[::-1]**2, rel=0.1)
 
 
+def test_the_pose_is_kept_over_a_restart(start_node, player, peer, scans, tmp_path):
+    """`initial_pose` holds at the first start only, and after a reset."""
+    words = '-p', 'initial_pose:=[3.0, 4.0, 0.5]', '-p', f'state_file:={tmp_path / "pose.json"}'
+    first = start_node(*words)
+    answers = played(player, scans[:20])
+    assert pose_of(answers.messages[0]).as_array() == pytest.approx([3.0, 4.0, 0.5])
+    last, before = pose_of(answers.messages[-1]), answers.messages[-1].pose.covariance[0]
+    assert first.stop() == 0
+    start_node(*words)
+    answers = played(player, scans[20:22])
+    assert pose_of(answers.messages[0]).as_array() == pytest.approx(last.as_array())
+    assert answers.messages[0].pose.covariance[0] > before + NodeParameters().prior.unknown_sigma ** 2
+    assert trigger(peer, 'reset').success
+    answers = player.play(scans[22:24])
+    assert pose_of(answers.messages[0]).as_array() == pytest.approx([3.0, 4.0, 0.5])
+
+
 def test_a_pose_that_is_known_exactly_along_a_direction_is_set(node, player, peer, scans):
     """Rounding makes an eigenvalue of zero negative, by the size of the others."""
     spread = np.array([300.0, 700.0, 0.0, 0.0, 0.0, 1.0])

@@ -150,21 +150,26 @@ class TransformSender:
         TF ignores transforms that go back in time. If the stamp is more than ``time.max_jump`` before the last one, the
         last stamp was wrong, and the transform is sent.
         """
-        if self.publisher is None or not self.active or self._conflict:
+        if self._last_stamp is not None and (not state.stamp or 0 <= self._last_stamp - state.stamp <= self._max_jump):
             return
+        if self.send_predicted(state):
+            self._last_stamp = state.stamp
+
+    def send_predicted(self, state: BaseState) -> bool:
+        """Send a pose of the base between two scans; return whether no other node sends our transform."""
+        if self.publisher is None or not self.active or self._conflict:
+            return False
         if self._start is None:
             self._start = time.monotonic() + self._precedence()
         if time.monotonic() < self._start:
-            return
-        if self._last_stamp is not None and (not state.stamp or 0 <= self._last_stamp - state.stamp <= self._max_jump):
-            return
-        self._last_stamp = state.stamp
+            return False
         numbers = transform_numbers(state.pose.inverse() if self._invert else state.pose)
         signature = (self._parent, state.stamp, *numbers.tolist())
         self._sent[signature] = None
         if len(self._sent) > REMEMBERED:
             del self._sent[next(iter(self._sent))]
         self._message.publish(self.publisher, state.stamp, numbers)
+        return True
 
     def _precedence(self) -> float:
         """Time [s] that a node of this package with a lower gid on /tf is given to start; 0 without such a node."""

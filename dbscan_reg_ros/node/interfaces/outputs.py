@@ -17,6 +17,7 @@ from visualization_msgs.msg import MarkerArray
 from ...core.features.records import Features
 from ...core.geometry.se2 import SE2
 from ...core.odometry.records import OdometryUpdate
+from ...core.scan import SECOND
 from ...recordings.message_fields import odometry_numbers
 from ...robot import occupancy
 from ...robot.base_state import BaseState
@@ -88,6 +89,7 @@ class Outputs:
         self._latest: tuple[BaseState, SE2] | None = None
         self._has_new_pose = self._has_new_key_frame = False
         self._next_picture = 0.0
+        self._predicted = -1
 
     def publish(self, update: OdometryUpdate, state: BaseState, origin: SE2) -> None:
         """Publish the results of one scan.
@@ -101,7 +103,8 @@ class Outputs:
         origin : SE2
             Pose, in `odom_frame`, of the frame in which `update` expresses poses.
         """
-        self._odometry.publish(self.odom, state.stamp, odometry_numbers(state))
+        if not 0 <= self._predicted - state.stamp <= self.parameters.time.max_jump * SECOND:
+            self._odometry.publish(self.odom, state.stamp, odometry_numbers(state))
         if self._segments.get_subscription_count():
             self._segments.publish(segments_to_message(update, origin, self.parameters.odom_frame))
         self._extend_path(state)
@@ -109,6 +112,11 @@ class Outputs:
         self._latest, self._has_new_pose = (state, origin), True
         if time.monotonic() >= self._next_picture:
             self.publish_pictures()
+
+    def publish_predicted(self, state: BaseState) -> None:
+        """Publish ``odom`` between two scans; scans with older stamps publish none."""
+        self._predicted = state.stamp
+        self._odometry.publish(self.odom, state.stamp, odometry_numbers(state))
 
     def keep(self, update: OdometryUpdate) -> None:
         """Store the last ``odometry.key_frames`` key frames of each lidar for ``local_map``."""

@@ -31,7 +31,7 @@ class Services:
     log : ThrottledLog
         Log for the poses on ``set_pose`` that are refused.
     reset : callable
-        Function of a reason and an `InitialPose` that resets the odometry.
+        Function of a reason and an `InitialPose`, or None for ``initial_pose``, that resets the odometry.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Services:
     """
 
     def __init__(self, node: Node, parameters: NodeParameters, log: ThrottledLog,
-                 reset: Callable[[str, InitialPose], None]) -> None:
+                 reset: Callable[[str, InitialPose | None], None]) -> None:
         self.parameters = parameters
         self.paused = False
         self._node = node
@@ -59,8 +59,8 @@ class Services:
         self._updates.append(SnapshotUpdate.of(update, prior))
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._reset('reset was called', InitialPose())
-        response.success, response.message = True, 'the next scan is the new origin'
+        self._reset('reset was called', None)
+        response.success, response.message = True, 'the base is at initial_pose at the next scan'
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

@@ -10,13 +10,14 @@ import pytest
 from nav_msgs.msg import Odometry as OdometryMessage
 from rclpy.clock import Clock
 from ros_helpers import changed, distances, inverted, of_base, pose_of
+from scipy.linalg import expm
 
 from dbscan_reg_ros import SE2, Odometry, Scan
 from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.node.interfaces.messages import filled, scan_to_message, stamp_to_message
 from dbscan_reg_ros.node.interfaces.scan_reader import ScanReader
 from dbscan_reg_ros.recordings.message_fields import odometry_fields
-from dbscan_reg_ros.robot.base_state import base_state
+from dbscan_reg_ros.robot.base_state import BaseState, base_state, predicted_state
 from dbscan_reg_ros.robot.parameters import NodeParameters
 from dbscan_reg_ros.simulation import Lidar, follow, measure, rooms, simulate
 
@@ -145,3 +146,17 @@ def test_jitter_of_the_stamps_makes_no_spikes_in_the_twist(scans):
         messages[k].header.stamp = stamp_to_message(scans[k - 1].stamp + int(rng.integers(-50_000_000, 2_000_000)))
     speeds = np.hypot(*twists(answers(messages))[:, :2].T)
     assert np.isfinite(speeds).all() and speeds.max() < 3.0
+
+
+@pytest.mark.parametrize('seed', [0, 1, 2])
+def test_the_state_between_scans_is_that_of_a_constant_twist(seed):
+    rng = np.random.default_rng(seed)
+    twist, pose = rng.uniform(-2.0, 2.0, 3), SE2.from_array(rng.uniform(-2.0, 2.0, 3))
+    known = BaseState(START, pose, 0.01 * np.eye(3), twist, np.diag((0.01, 0.02, 0.03)))
+    later = predicted_state(known, START + 400_000_000, NodeParameters())
+    generator = np.array([[0.0, -twist[2], twist[0]], [twist[2], 0.0, twist[1]], [0.0, 0.0, 0.0]])
+    assert later.pose.as_matrix() == pytest.approx(pose.as_matrix() @ expm(0.4 * generator))
+    variances = [np.trace(predicted_state(known, START + time, NodeParameters()).covariance)
+                 for time in (1_000_000, 100_000_000, 400_000_000)]
+    assert np.trace(known.covariance) < variances[0] < variances[1] < variances[2]
+    assert later.twist_covariance[0, 0] > 0.01
