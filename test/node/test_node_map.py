@@ -9,11 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import rclpy  # noqa: F401 - needs ROS
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import OccupancyGrid
-from ros_helpers import LATCHED, TIMEOUT, Loudspeaker, pose_of, said, transform
+from ros_helpers import LATCHED, TIMEOUT, Loudspeaker, diagnosis, pose_of, said, transform
 from std_msgs.msg import String
 from std_srvs.srv import Empty, Trigger
 from visualization_msgs.msg import MarkerArray
@@ -158,6 +159,10 @@ def test_beside_another_odometry_in_a_map_that_is_received(start_command, player
     metres, degrees = off(corrections[stamp + SECOND // 10] @ drifting[stamp], true[stamp])
     assert metres < 0.1 and degrees < 1.0
     assert not sent(tf, 'odom', 'base_link').keys() - drifting.keys()
+    statuses = peer.listen(DiagnosticArray, '/diagnostics')
+    theirs.tell(tf_type(transforms=[transform('elsewhere', 'odom')]))
+    assert diagnosis(peer, statuses, lambda s: "to 'odom' too, from 'elsewhere'" in s.message
+                     and s.level == DiagnosticStatus.ERROR)
 
 
 def test_each_robot_has_its_own_names(start_command, peer):

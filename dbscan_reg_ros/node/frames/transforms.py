@@ -96,9 +96,14 @@ class TransformListener:
             raise NoTransformError(describe_missing(self._node, target, source, self._store.parents)) from None
 
     def planar(self, target: str, source: str, stamp: int) -> SE2 | None:
-        """Return the pose of the frame `source` in `target` at `stamp` [ns] exactly; None if it is not known then."""
+        """Return the pose of the frame `source` in `target` at `stamp` [ns] exactly; None if it is not known then.
+
+        Requires that `store` is true.
+        """
+        self.poll()
+        assert self._store
         try:
-            matrix, known = self.lookup(target, source, stamp)
+            matrix, known = self._store.lookup(target, source, stamp)
             return Mounting.from_matrix(matrix).pose if known else None
         except (NoTransformError, MountingError):
             return None

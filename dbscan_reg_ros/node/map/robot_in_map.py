@@ -38,7 +38,7 @@ from .tracking import Found, Picture, Tracking
 
 SENT = 500
 """Number of our latest transforms that are recognised when they are received."""
-WAITING = 100
+WAITING = 20
 """Largest number of scans that wait for a transform of the odometry at their stamps."""
 DRAWN_EVERY, DRAWN_SHARE = 2.0, 0.1
 """Least interval [s] between two pictures of a map that is built, and largest share of the time that they take."""

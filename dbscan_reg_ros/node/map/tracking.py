@@ -91,7 +91,7 @@ class Tracking:
 
     def use_map(self, grid: Grid) -> None:
         """Localise in this map; if it replaces another one, the pose is kept until the scans contradict it."""
-        self._do(lambda: self._use_map(grid))
+        self._thread.submit(self._use_map, grid).add_done_callback(_print_error)
 
     def process(self, update: OdometryUpdate, sensor_pose: SE2) -> None:
         """Use the next scan.
@@ -132,8 +132,7 @@ class Tracking:
                 step()
 
         future = self._thread.submit(unless_restarted)
-        # An error is printed.
-        future.add_done_callback(lambda done: done.result())
+        future.add_done_callback(_print_error)
         return future
 
     def _count_down(self, _done: 'Future[None]') -> None:
@@ -193,6 +192,11 @@ class Tracking:
             return Picture(made.graph, Grid.of_map(made, self._parameters))
         except DbscanRegError:
             return None
+
+
+def _print_error(done: 'Future[None]') -> None:
+    """Raise the error of a step: the thread prints it and goes on."""
+    done.result()
 
 
 def _at(pose: SE2, covariance: NDArray[np.float64], other: SE2) -> InitialPose:
