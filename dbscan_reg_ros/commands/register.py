@@ -259,14 +259,14 @@ def _true_motion(recording, first, second, truth):
 
 
 def _scans(path, args, numbers, parameters):
-    """Return the lidars of a recording, each a `MeasuringLidar`, and the scans `Found` by their numbers."""
-    from ..replays.lidars import Lidars, find_scans, measuring_lidars, parse_mountings
+    """Return the lidars of a recording, each a `RecordedLidar`, and the scans `Found` by their numbers."""
+    from ..replays.lidars import Lidars, all_lidars, find_scans, parse_mountings
 
     if args.mounting and len(args.topic) <= 1:
         raise CommandError(f'--mounting {" ".join(args.mounting[0])}: expected --topic of several lidars; the motion '
                            'of a single lidar is that of its own frame')
-    lidars = measuring_lidars(path, Lidars(args.topic, parse_mountings(args.mounting)), parameters)
-    found = find_scans([each.scans(parameters) for each in lidars], numbers)
+    lidars = all_lidars(path, Lidars(args.topic, parse_mountings(args.mounting)), parameters)
+    found = find_scans([each.measured(parameters) for each in lidars], numbers)
     if missing := [number for number in numbers if number >= found.read]:
         raise CommandError(f'{path}: no scan {max(missing)}; the recording contains {found.read} scans, numbered '
                            'from 0')

@@ -134,7 +134,7 @@ def calibrate_lidars(recording, mounting, others, parameters, progress=iter) -> 
         Recording with the topic of the first lidar.
     mounting : Mounting
         Its mounting, which counts as right.
-    others : list of FurtherLidar
+    others : list of RecordedLidar
         Their mountings may be far off.
     parameters : NodeParameters
     progress : callable

@@ -125,21 +125,21 @@ def mounting_in(recording: Recording, mountings, base_frame, option='--mounting 
 
 
 @dataclass(frozen=True, eq=False)
-class FurtherLidar:
-    """A lidar of a recording other than the first.
+class RecordedLidar:
+    """A lidar of a recording.
 
     Attributes
     ----------
     recording : Recording
         Recording with the topic of this lidar.
     mounting : Mounting
-    limits : ScanParameters
-        Limits of its ranges and of its range noise.
+    limits : ScanParameters or None
+        Limits of its ranges and of its range noise; None for a single lidar.
     """
 
     recording: Recording
     mounting: Mounting
-    limits: ScanParameters
+    limits: ScanParameters | None
 
     def sensor(self, first: Mounting, rank: int) -> Sensor:
         """Return the `Sensor` of the scans of this lidar, which are rotated by the yaw of its mounting."""
@@ -149,6 +149,17 @@ class FurtherLidar:
     def scans(self, parameters: InputParameters):
         """Yield the scans of this lidar without masked returns, rotated to the axes of the base."""
         return prepared(self.recording.scans(), self.mounting, parameters, self.recording.note)
+
+    def measured(self, parameters):
+        """Return the scans in the frame of this lidar; of one of several without masked returns, and as if upright.
+
+        Then `parameters` (`NodeParameters` or None) have its mask and its time offset.
+        """
+        scans = self.recording.scans()
+        if self.limits is None:
+            return scans
+        own = (parameters or NodeParameters()).input_of(self.recording.topic)
+        return turned(received(scans, own), 0.0, self.mounting.upside_down)
 
 
 def given_mountings(parameters, topics) -> dict:
@@ -160,7 +171,7 @@ def given_mountings(parameters, topics) -> dict:
 
 
 def further_lidars(first: Recording, topics, mountings, parameters) -> list:
-    """Open the other `topics` of the recording `first`; return a `FurtherLidar` for each.
+    """Open the other `topics` of the recording `first`; return a `RecordedLidar` for each.
 
     Raises
     ------
@@ -172,12 +183,12 @@ def further_lidars(first: Recording, topics, mountings, parameters) -> list:
     if len({first.topic, *topics}) <= len(topics):
         raise RecordingError(f'{first.path}: expected each topic once: {", ".join((first.topic, *topics))}')
     opened = [open_recording(first.path, topic, CloudParameters.of(parameters, topic, mountings)) for topic in topics]
-    return [FurtherLidar(recording, mounting_in(recording, mountings, parameters.base_frame),
+    return [RecordedLidar(recording, mounting_in(recording, mountings, parameters.base_frame),
                          parameters.lidar(recording.topic).scan) for recording in opened]
 
 
 def lidars_of(first: Recording, lidars: Lidars, parameters, base=False) -> tuple:
-    """Return the mounting of the lidar of the recording `first`, and a `FurtherLidar` for each of the other `lidars`.
+    """Return the mounting of the lidar of the recording `first`, and a `RecordedLidar` for each of the other `lidars`.
 
     The mountings that the user gave come before those of the `parameters`. A recorded mounting is used with several
     lidars, or where poses of the `base` are asked for. Raises as `further_lidars`.
@@ -231,48 +242,18 @@ def prepared(scans, mounting, parameters, note=None):
     return turned(received(scans, parameters, note), mounting.pose.theta, mounting.upside_down)
 
 
-@dataclass(frozen=True, eq=False)
-class MeasuringLidar:
-    """A lidar whose scans stay in its own frame.
-
-    Attributes
-    ----------
-    recording : Recording
-        Recording with the topic of this lidar.
-    mounting : Mounting or None
-    limits : ScanParameters or None
-        Limits of its ranges and of its range noise. Both are None for a single lidar.
-    """
-
-    recording: Recording
-    mounting: Mounting | None = None
-    limits: ScanParameters | None = None
-
-    def scans(self, parameters):
-        """Return the scans; those of one of several lidars without masked returns, and as of an upright lidar.
-
-        Then `parameters` (`NodeParameters`) have its mask and its time offset.
-        """
-        scans = self.recording.scans()
-        if self.mounting is None:
-            return scans
-        own = (parameters or NodeParameters()).input_of(self.recording.topic)
-        return turned(received(scans, own), 0.0, self.mounting.upside_down)
-
-
-def measuring_lidars(path, lidars, parameters) -> list:
-    """Open the recording at `path` for each of the `lidars` (`Lidars`); return a `MeasuringLidar` for each.
+def all_lidars(path, lidars, parameters) -> list:
+    """Open the recording at `path` for each of the `lidars` (`Lidars`); return a `RecordedLidar` for each.
 
     `parameters` are `NodeParameters` or None. Raises as `further_lidars`.
     """
     own, parameters = CloudParameters.of(parameters, lidars.first), parameters or NodeParameters()
     lidars = lidars.of_recording(path, parameters)
     if len(lidars.topics) <= 1:
-        return [MeasuringLidar(open_recording(path, lidars.first, own))]
+        return [RecordedLidar(open_recording(path, lidars.first, own), Mounting(), None)]
     recording = lidars.open(path, parameters)
     mounting, others = lidars_of(recording, lidars, parameters)
-    return [MeasuringLidar(recording, mounting, parameters.lidar(recording.topic).scan),
-            *(MeasuringLidar(each.recording, each.mounting, each.limits) for each in others)]
+    return [RecordedLidar(recording, mounting, parameters.lidar(recording.topic).scan), *others]
 
 
 class Found(NamedTuple):

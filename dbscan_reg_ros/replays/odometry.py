@@ -121,7 +121,7 @@ class ReplayOdometry:
     Parameters
     ----------
     odometry : Odometry
-    others : list of FurtherLidar
+    others : list of RecordedLidar
     first : str
         Topic of the first lidar.
     mounting : Mounting

@@ -17,7 +17,7 @@ from ..evaluation.metrics import apart, errors, path_lengths
 from ..recordings import open_recording
 from ..recordings.bags.clouds import CloudParameters
 from ..recordings.poses import relative
-from ..replays.lidars import FurtherLidar, lidars_of, prepared
+from ..replays.lidars import RecordedLidar, lidars_of, prepared
 from ..replays.odometry import recorded_wheels, replay_odometry, replayed_trajectory
 from ..replays.trajectory import Trajectory
 
@@ -103,13 +103,13 @@ def _backward(scans, ends):
 
 
 @dataclass(frozen=True, eq=False)
-class BackwardLidar(FurtherLidar):
+class BackwardLidar(RecordedLidar):
     """A further lidar whose scans come in reversed time, as from `_backward` with `ends` [ns]."""
 
     ends: int
 
     def scans(self, parameters):
-        """Return an iterator over the scans of this lidar in reversed time, as `FurtherLidar.scans` prepares them."""
+        """Return an iterator over the scans of this lidar in reversed time, as `RecordedLidar.scans` prepares them."""
         return iter(_backward(list(super().scans(parameters)), self.ends))
 
 

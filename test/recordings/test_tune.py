@@ -19,7 +19,7 @@ from dbscan_reg_ros.commands.tune import main
 from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.recordings import open_recording
-from dbscan_reg_ros.replays.lidars import FurtherLidar, Lidars
+from dbscan_reg_ros.replays.lidars import Lidars, RecordedLidar
 from dbscan_reg_ros.robot.parameter_files import read_parameters, write_parameters
 from dbscan_reg_ros.robot.parameters import NodeParameters
 from dbscan_reg_ros.simulation import Lidar, follow, hall
@@ -217,7 +217,7 @@ def test_on_the_way_back_a_further_lidar_is_read_back_to_front(pair):
     recording, ends = open_recording(pair, BOTH[3]), 10**10
     given = recording, Mounting(SE2(-0.2, -0.1, 3.7)), NodeParameters().scan
     there, back = (list(lidar.scans(NodeParameters().input))
-                   for lidar in (FurtherLidar(*given), BackwardLidar(*given, ends)))
+                   for lidar in (RecordedLidar(*given), BackwardLidar(*given, ends)))
     assert len(there) > 20
     for scan, same in zip(there, reversed(back), strict=True):
         assert (same.stamp, same.time_increment) == (ends - scan.stamp, -scan.time_increment)
