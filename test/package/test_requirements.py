@@ -6,9 +6,11 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from rooms import room_log
 
 from dbscan_reg_ros import requirements
 from dbscan_reg_ros.command_lines import COMMANDS
@@ -96,6 +98,21 @@ def test_what_an_argument_needs_is_asked_for(without, words, module):
 def test_pictures_and_the_method_of_the_paper_need_more(without, words, needed):
     result = without(['sklearn', *(['matplotlib'] if needed != 'scikit-learn' else [])], *words)
     assert f'needs {needed}, not installed here' in result.stderr if needed else 'needs' not in result.stderr
+
+
+def test_a_pair_is_registered_without_what_draws(without, tmp_path):
+    room_log(tmp_path / 'room.log', 2)
+    result = without(['sklearn', 'matplotlib', 'PIL', 'tqdm', 'rosbags'], 'register', 'room.log', '0', '1',
+                     '--no-figures')
+    assert (result.returncode, result.stderr) == (0, '') and 'transform   x 0.0000 m  y 0.0000 m' in result.stdout
+
+
+@pytest.mark.skipif(find_spec('rclpy') is None, reason='needs ROS 2 (rclpy)')
+def test_the_node_starts_without_scikit_learn(without):
+    """It ends at a parameter that is wrong, which it sees after all of it is imported."""
+    result = without(['sklearn', 'matplotlib', 'tqdm', 'rosbags'], 'scan_matcher', '--ros-args', '-p',
+                     'scan.range_max:=-1.0')
+    assert result.returncode == 2 and 'scan.range_max = -1.0: expected' in result.stderr
 
 
 def test_the_extra_of_the_package_has_what_the_commands_need(root):
