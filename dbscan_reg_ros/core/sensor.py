@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from .errors import expect
 from .geometry.se2 import SE2
 from .parameters.features import ScanParameters
 from .registration.records import Prior
@@ -36,6 +37,9 @@ class Sensor:
     pose: SE2 = _IDENTITY
     rank: int = 0
     limits: ScanParameters | None = None
+
+    def __post_init__(self) -> None:
+        expect('pose', self.pose, SE2, 'SE2(x, y, theta) [m, m, rad]')
 
     @cached_property
     def is_first(self) -> bool:

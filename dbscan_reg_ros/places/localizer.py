@@ -7,9 +7,10 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.errors import expect
 from ..core.geometry.se2 import DOF, SE2, lever_arm, turn_matrix, turned, wrap
 from ..core.odometry.records import OdometryUpdate
-from ..core.parameters.tree import Parameters
+from ..core.parameters.tree import Parameters, expect_parameters
 from ..core.registration.records import Status, sigma_text
 from ..recordings.poses import compose, relative
 from .evidence import INDEPENDENT, log_odds, log_odds_alone, probabilities
@@ -115,6 +116,9 @@ class Localizer:
     """
 
     def __init__(self, known: Map | Grid, parameters: Parameters = Parameters()) -> None:
+        expect_parameters(parameters)
+        if not isinstance(known, Grid):
+            expect('known', known, Map, 'Map.load(FILE), or load_grid(FILE) of places.map_files')
         grid = known if isinstance(known, Grid) else Grid.of_map(known, parameters)
         bearings = np.linspace(-np.pi, np.pi, BEARINGS, endpoint=False, dtype=np.float64)
         self._matcher, self._views = Matcher(grid), grid.free_poses(SPACING)

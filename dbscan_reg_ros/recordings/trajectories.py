@@ -4,13 +4,15 @@ import math
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.errors import RecordingError
+from ..core.beams import check_stamp
+from ..core.errors import ArgumentError, RecordingError
 from ..core.geometry.mounting import MAX_TILT
+from ..core.geometry.se2 import DOF
 from ..paths import check_file
 from .decimals import nanoseconds, seconds, to_float
 from .files import UNREADABLE, reason_of, replacing
@@ -38,12 +40,25 @@ def write_tum(path: str | os.PathLike[str], stamps: 'Iterable[int] | Iterable[Od
         as well.
     poses : array_like (N, 3) or sequence of SE2
         x, y [m], theta [rad].
+
+    Raises
+    ------
+    ScanError
+        When a stamp is no whole number.
+    ArgumentError
+        When there is not one pose of three numbers for each stamp.
     """
+    given: list[Any] = list(stamps)
+    if poses is None and not all(hasattr(each, 'pose') for each in given):
+        raise ArgumentError('stamps without poses; expected write_tum(path, stamps, poses), or updates of an Odometry')
     if poses is None:
-        updates = cast('list[OdometryUpdate]', list(stamps))
-        stamps, poses = [each.stamp for each in updates], [each.pose for each in updates]
+        given, poses = [each.stamp for each in given], [each.pose for each in given]
+    rows = np.asarray(poses, dtype=float)
+    if rows.shape != (len(given), DOF) and rows.size + len(given):
+        raise ArgumentError(f'poses of shape {rows.shape} for {len(given)} stamps; expected x, y [m] and theta [rad] '
+                            f'for each, ({len(given)}, 3)')
     with replacing(path) as file:
-        for stamp, (x, y, theta) in zip(stamps, np.asarray(poses, dtype=float).reshape(-1, 3), strict=True):
+        for stamp, (x, y, theta) in zip(map(check_stamp, given), rows, strict=True):
             file.write(f'{seconds(stamp)} {x:.9f} {y:.9f} 0 0 0 {math.sin(theta / 2):.12f} '
                        f'{math.cos(theta / 2):.12f}\n')
 

@@ -200,8 +200,8 @@ def test_a_damaged_file_is_refused_with_its_line(tmp_path, reader, content, wher
 def test_a_trajectory_that_fails_to_be_written_leaves_the_old_one(tmp_path):
     write_tum(tmp_path / 'a.tum', [1], [[0.0, 0.0, 0.0]])
     before = (tmp_path / 'a.tum').read_text()
-    with pytest.raises(ValueError, match='zip'):
-        write_tum(tmp_path / 'a.tum', [1, 2], [[0.0, 0.0, 0.0]])
+    with pytest.raises(ValueError, match='whole nanoseconds'):
+        write_tum(tmp_path / 'a.tum', [1, 2.5], [[0.0, 0.0, 0.0]] * 2)
     assert (tmp_path / 'a.tum').read_text() == before
     assert [file.name for file in tmp_path.iterdir()] == ['a.tum']
 

@@ -17,6 +17,7 @@ import dbscan_reg_ros
 from dbscan_reg_ros import (
     SE2,
     ArgumentError,
+    Localizer,
     Odometry,
     ParameterError,
     Parameters,
@@ -32,6 +33,7 @@ from dbscan_reg_ros import (
 )
 from dbscan_reg_ros.command_lines import version
 from dbscan_reg_ros.core.paper.pipeline import register as register_by_paper
+from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.recordings import read_tum
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
@@ -200,11 +202,19 @@ def test_points_that_are_no_scan_are_named(points):
     (lambda scan: Odometry().process(scan, SE2()), ArgumentError, 'prior is of type SE2; expected Prior'),
     (lambda scan: Odometry().process(scan, None, 'rear'), ArgumentError, 'sensor is of type str; expected Sensor'),
     (lambda _: Odometry().reset((1.0, 2.0, 3.0)), ArgumentError, 'pose is of type tuple; expected SE2'),
+    (lambda _: Sensor('rear', (0.0, 0.0, 3.14)), ArgumentError, 'pose is of type tuple; expected SE2'),
+    (lambda _: Localizer('map.npz'), ArgumentError, r'known is of type str; expected Map\.load\(FILE\)'),
+    (lambda _: write_tum('a.tum', [1, 2]), ArgumentError, 'stamps without poses'),
+    (lambda _: write_tum('a.tum', [1, 2], np.zeros((3, 3))), ArgumentError, r'shape \(3, 3\) for 2 stamps'),
+    (lambda _: write_tum('a.tum', [1, 2], np.zeros((3, 2))), ArgumentError, r'shape \(3, 2\) for 2 stamps'),
+    (lambda _: write_tum('a.tum', [1.5], np.zeros((1, 3))), ScanError, 'expected whole nanoseconds'),
     (lambda _: Scan(0, RANGES, None), ScanError, 'geometry is of type NoneType; expected ScanGeometry'),
 ])
-def test_arguments_of_a_wrong_kind_are_named(pair, call, error, words):
+def test_arguments_of_a_wrong_kind_are_named(pair, tmp_path, monkeypatch, call, error, words):
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(error, match=words):
         call(pair[0])
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_covariance_may_be_a_list_of_rows():
