@@ -66,6 +66,8 @@ class Priors:
             self._source = _WheelOdometry(node, log, on_data)
         elif name == 'imu':
             self._source = _Gyroscope(node, log, on_data)
+        elif name == 'odometry+imu':
+            self._source = _WheelsAndGyroscope(node, log, on_data)
         elif name == 'tf':
             if transforms is None:
                 raise ParameterError("prior.source = 'tf': needs tf2_msgs, which is not installed; install it, or "
@@ -110,11 +112,10 @@ class Priors:
         last_stamp, last_mounting = self._last
         interval = _Interval(frame, last_stamp, stamp, last_mounting, mounting)
         base = self._source.prior(interval, predict, self.parameters.prior)
-        self._missing = base is None
-        if base is None:
+        self._missing = base is None or self._source.incomplete
+        if self._missing:
             self._log.warn(self.fault)
-            return None
-        return sensor_prior(base, last_mounting, mounting)
+        return base and sensor_prior(base, last_mounting, mounting)
 
     @property
     def fault(self) -> str:
@@ -125,8 +126,9 @@ class Priors:
         if name.startswith('/') and not self._node.count_publishers(name):
             return (f'{begin}no node publishes on {name}; the odometry continues without it. Start its driver, or '
                     'remap the topic to that of your robot (-r)')
-        return (f'{begin}{name} has no data at the time of the scan; using the constant-velocity prediction. If the '
-                'data come later than the scan, raise advanced.input.max_wait above their period')
+        instead = 'the other source alone' if self._source.incomplete else 'the constant-velocity prediction'
+        return (f'{begin}{name} has no data at the time of the scan; using {instead}. If the data come later than the '
+                'scan, raise advanced.input.max_wait above their period')
 
     def processed(self, stamp: int, mounting: Mounting) -> None:
         """Store mounting and stamp [ns] of a processed scan: the next prior is the motion since this scan."""
@@ -160,9 +162,18 @@ class _Interval:
 
 
 class _Source(Protocol):
-    """Base class of the sources that measure the motion of the base between two scans."""
+    """Base class of the sources that measure the motion of the base between two scans.
+
+    Attributes
+    ----------
+    name : str
+        What may have no data.
+    incomplete : bool
+        Whether a part of the source had no data for the last prior.
+    """
 
     name: str
+    incomplete: bool
 
     def restart(self) -> None:
         """Clear the data that the source has received."""
@@ -176,6 +187,8 @@ class _Source(Protocol):
 
 class _WheelOdometry:
     """Source of priors: wheel odometry of the base on the topic ``wheel_odom``."""
+
+    incomplete = False
 
     def __init__(self, node: Node, log: ThrottledLog, on_data: Callable[[], None]) -> None:
         self._poses = PoseHistory()
@@ -206,6 +219,8 @@ class _WheelOdometry:
 class _Gyroscope:
     """Source of priors: yaw rate on the topic ``imu``; translation and its covariance from the motion model."""
 
+    incomplete = False
+
     def __init__(self, node: Node, log: ThrottledLog, on_data: Callable[[], None]) -> None:
         self._headings = HeadingHistory()
         self._log = log
@@ -230,16 +245,44 @@ class _Gyroscope:
         return self._headings.reaches(stamp)
 
     def prior(self, interval: _Interval, predict: Predict, parameters: NodePriorParameters) -> Prior | None:
+        predicted = predict(interval.end)
+        return predicted and self.turned(interval.base_motion(predicted), interval, parameters)
+
+    def turned(self, base: Prior, interval: _Interval, parameters: NodePriorParameters) -> Prior | None:
+        """Return a prior of the base with the measured rotation; None if it is not known."""
         rotation = self._headings.motion(interval.start, interval.end)
-        predicted = None if rotation is None else predict(interval.end)
-        if rotation is None or predicted is None:
+        if rotation is None:
             return None
-        base = interval.base_motion(predicted)
         return base.with_rotation(rotation.theta, parameters.wheel_sigma(rotation)[2])
+
+
+class _WheelsAndGyroscope:
+    """Source of priors: translation of the wheels, rotation of the gyroscope; each alone if the other has no data."""
+
+    def __init__(self, node: Node, log: ThrottledLog, on_data: Callable[[], None]) -> None:
+        self._wheels, self._gyroscope = _WheelOdometry(node, log, on_data), _Gyroscope(node, log, on_data)
+        self.name, self.incomplete = self._wheels.name, False
+
+    def restart(self) -> None:
+        self._wheels.restart()
+        self._gyroscope.restart()
+
+    def covers(self, frame: str, stamp: int) -> bool:
+        return self._wheels.covers(frame, stamp) and self._gyroscope.covers(frame, stamp)
+
+    def prior(self, interval: _Interval, predict: Predict, parameters: NodePriorParameters) -> Prior | None:
+        driven = self._wheels.prior(interval, predict, parameters)
+        turned = self._gyroscope.turned(driven, interval, parameters) if driven else None
+        found = turned or driven or self._gyroscope.prior(interval, predict, parameters)
+        self.name = self._gyroscope.name if driven else self._wheels.name
+        self.incomplete = found is not None and turned is None
+        return found
 
 
 class _OdometryFrame:
     """Source of priors: pose of the sensor in an odometry frame on /tf."""
+
+    incomplete = False
 
     def __init__(self, transforms: TransformListener, frame: str) -> None:
         self._transforms = transforms

@@ -101,18 +101,26 @@ def scan_fields(scan) -> dict:
             'range_min': geometry.range_min, 'range_max': geometry.range_max, 'ranges': scan.ranges}
 
 
-def pose_only_fields(stamp, child, pose, frame='odom') -> dict:
-    """Return the fields of an Odometry message that has only a `pose` (x, y [m], theta [rad]) in `frame`."""
-    return {'header': header_fields(stamp, frame), 'child_frame_id': child, 'pose': {'pose': pose_fields(pose)}}
+def pose_only_fields(stamp, child, pose, frame='odom', twist=(0.0, 0.0, 0.0)) -> dict:
+    """Return the fields of an Odometry message without covariances.
+
+    `pose` (x, y [m], theta [rad]) is in `frame`, and `twist` (vx, vy [m/s], omega [rad/s]) in the frame `child`.
+    """
+    return {'header': header_fields(stamp, frame), 'child_frame_id': child, 'pose': {'pose': pose_fields(pose)},
+            'twist': {'twist': _twist_fields(twist)}}
 
 
 def odometry_fields(state, odom_frame, base_frame) -> dict:
     """Return the fields of an Odometry message: pose (in `odom_frame`) and twist (in `base_frame`) of a `BaseState`."""
-    vx, vy, omega = (float(value) for value in state.twist)
     return {'header': header_fields(state.stamp, odom_frame), 'child_frame_id': base_frame,
             'pose': pose_with_covariance_fields(state.pose.as_array(), state.covariance),
-            'twist': {'twist': {'linear': {'x': vx, 'y': vy}, 'angular': {'z': omega}},
+            'twist': {'twist': _twist_fields(state.twist),
                       'covariance': _spatial(state.twist_covariance)}}
+
+
+def _twist_fields(twist) -> dict:
+    vx, vy, omega = (float(value) for value in twist)
+    return {'linear': {'x': vx, 'y': vy}, 'angular': {'z': omega}}
 
 
 def transform_fields(state, odom_frame, base_frame) -> dict:

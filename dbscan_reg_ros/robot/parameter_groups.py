@@ -9,7 +9,7 @@ from ..core.geometry.se2 import SE2
 from ..core.parameters.odometry import PriorParameters
 from ..core.parameters.schema import ParameterGroup, parameter
 
-SOURCES = ('none', 'constant_velocity', 'odometry', 'imu', 'tf')
+SOURCES = ('none', 'constant_velocity', 'odometry', 'imu', 'odometry+imu', 'tf')
 SECTORS = 4
 MAP_MODES = ('none', 'localize', 'slam')
 LASER_SCAN, POINT_CLOUD = 'sensor_msgs/LaserScan', 'sensor_msgs/PointCloud2'
@@ -96,7 +96,8 @@ class NodePriorParameters(PriorParameters):
         'constant_velocity', bounds=SOURCES, read_only=True,
         help='Source of the predicted motion between scans. Without an external prior: none, or constant_velocity (the '
              'motion model that advanced.odometry.prior selects). External priors: odometry (topic wheel_odom), imu '
-             '(yaw rate on the topic imu, translation from the motion model) or tf (pose of the base in the frame '
+             '(yaw rate on the topic imu, translation from the motion model), odometry+imu (translation of the wheels, '
+             'rotation of the IMU; each alone while the other has no data) or tf (pose of the base in the frame '
              'prior.frame). While an external prior has no data, the motion model predicts.')
     frame: str = parameter(
         'wheel_odom', read_only=True,

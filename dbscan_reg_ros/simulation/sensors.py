@@ -45,9 +45,9 @@ class RobotRecording:
     def write(self, target) -> Counter:
         """Write a CARMEN log (``NAME.log``, ``NAME.log.gz``) or a ROS 2 bag; return kind or topic -> message count.
 
-        A bag has the true poses of the first lidar on ``/truth`` and the mountings of all lidars on ``/tf_static``. In
-        a log, the laser poses are the true poses and the robot poses are the wheel odometry; a log does not contain the
-        gyroscope or further lidars.
+        A bag has the true poses and twists of the first lidar on ``/truth`` and the mountings of all lidars on
+        ``/tf_static``. In a log, the laser poses are the true poses and the robot poses are the wheel odometry; a log
+        does not contain the gyroscope or further lidars.
 
         Raises
         ------
@@ -84,8 +84,8 @@ class RobotRecording:
         return heapq.merge(
             [(first, '/tf_static', {'transforms': [_mounting(first, lidar) for lidar in lidars]})],
             ((scan.stamp, '/scan', scan_fields(scan)) for scan in scans), *further,
-            ((scan.stamp, '/truth', pose_only_fields(scan.stamp, scan.frame_id, pose, 'world'))
-             for scan, pose in zip(scans, simulation.truth, strict=True)),
+            ((scan.stamp, '/truth', pose_only_fields(scan.stamp, scan.frame_id, pose, 'world', twist))
+             for scan, pose, twist in zip(scans, simulation.truth, _twists(simulation), strict=True)),
             ((int(stamp), '/wheel_odom', pose_only_fields(stamp, 'base_link', pose))
              for stamp, pose in zip(*self.wheels, strict=True)),
             ((int(stamp), '/imu', _turning(stamp, rate)) for stamp, rate in zip(*self.turning, strict=True)),
@@ -98,6 +98,17 @@ def check_simulated(target):
     if target.suffix == '.bag':
         raise RecordingError(f'{target}: expected NAME.log, NAME.log.gz, or the folder of a ROS 2 bag, a name without '
                              'ending; the command convert makes a ROS 1 bag from it')
+
+
+def _twists(simulation):
+    """Return the true twists (N, 3) of the lidar in its frame [m/s, m/s, rad/s], from each scan to its neighbours."""
+    poses = simulation.truth
+    if len(poses) == 1:
+        return np.zeros_like(poses)
+    vx, vy, omega = (np.gradient(values, 1e-9 * simulation.stamps) for values in (*poses[:, :2].T,
+                                                                                  np.unwrap(poses[:, 2])))
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    return np.column_stack((c * vx + s * vy, c * vy - s * vx, omega))
 
 
 def _turning(stamp, rate):

@@ -51,6 +51,13 @@ def test_a_bag_holds_scans_wheels_gyroscope_and_truth(simulated, capsys):
     assert transform.transform.rotation.z == pytest.approx(np.sqrt(0.5))
     assert len(recording.wheel_odometry()[0]) > 1.9 * len(scans)
     assert messages(bag, '/imu')[0].orientation_covariance[0] == -1.0
+    twists = np.array([(m.twist.twist.linear.x, m.twist.twist.linear.y, m.twist.twist.angular.z)
+                       for m in messages(bag, '/truth')])
+    steps = relative(truth[:-1], truth[1:])
+    mean = 0.5 * (twists[:-1] + twists[1:])
+    np.testing.assert_allclose(0.1 * mean[:, 2], steps[:, 2], atol=0.01)
+    np.testing.assert_allclose(0.1 * np.hypot(*mean[:, :2].T), np.hypot(*steps[:, :2].T), atol=0.01)
+    assert abs(twists[:, 1]).max() > 2.0 * abs(twists[:, 0]).max()
 
 
 def test_a_log_holds_the_same_scans_and_the_same_truth(simulated):
