@@ -183,6 +183,12 @@ def test_every_number_of_rawlaser_and_robotlaser_is_read(tmp_path, kind, number)
     assert np.allclose(scan.geometry.bearings, [-1.2, -0.6, 0.0, 0.6, 1.2], atol=1e-6)
 
 
+def test_a_line_without_its_angular_step_has_that_of_its_view(tmp_path):
+    lines = [robotlaser(1, stamp).replace(' 0.6 20.0', ' 0 20.0') for stamp in (1.5, 2.5)]
+    scan = next(open_recording(write_log(tmp_path / 'a.log', *lines)).scans())
+    assert scan.geometry.bearings == pytest.approx((-1.2, -0.6, 0.0, 0.6, 1.2))
+
+
 def test_a_laser3_line_has_readings_and_no_pose(tmp_path):
     recording = open_recording(write_log(tmp_path / 'a.log', 'LASER3 3 1.0 2.0 3.0 4.5 host 0.1'))
     (scan,) = recording.scans()
