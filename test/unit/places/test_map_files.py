@@ -58,6 +58,7 @@ def test_words_in_place_of_bytes_are_read(tmp_path):
     np.testing.assert_array_equal(loaded(path), VALUES)
 
 
+@pytest.mark.long
 def test_a_coloured_picture_is_read_where_matplotlib_is(tmp_path):
     pyplot = pytest.importorskip('matplotlib.image')
     path = written(tmp_path, fields='image: map.png')

@@ -86,6 +86,7 @@ def test_inside_a_column_its_far_side_is_seen():
     np.testing.assert_allclose(ranges, 1.5)
 
 
+@pytest.mark.long
 def test_ranges_agree_with_shapely_over_1000_random_beams():
     geometry = pytest.importorskip('shapely', reason='the independent ray caster is shapely')
     world = rooms(3)
