@@ -535,3 +535,18 @@ def test_a_parameter_may_have_its_least_value(short_drives, name):
 def test_the_gate_allows_twice_the_probability_of_an_error(reference, single, gated):
     asked = Parameters().replace({'odometry.reference': reference, 'advanced.decision.min_confidence': single})
     assert search_parameters(asked).decision.min_confidence == pytest.approx(gated)
+
+
+@pytest.mark.parametrize('guess', [True, False])
+def test_a_scan_is_located_where_it_was_taken_and_one_of_somewhere_else_is_not(guess):
+    """With 0.1 m and 0.05 rad of error of the prediction, and no effect on the track."""
+    odometry, poses = Odometry(), drive(20)
+    updates = run(odometry, poses)
+    there, elsewhere = SE2(0.1, 0.03, 0.05), outline([(-1.3, -1.0), (0.8, -1.4), (1.2, 0.9), (-0.9, 1.6)])
+    seen = extract_features(scan_at(poses[-1] @ there, 20))
+    found = odometry.locate(dataclasses.replace(updates[-1], features=seen), guess)
+    off = (poses[-1] @ there).inverse() @ found.pose
+    assert math.hypot(off.x, off.y) < 0.03 and abs(off.theta) < 0.02
+    other = extract_features(dataclasses.replace(look(elsewhere, SE2(), FULL, 0.01, 1), stamp=20 * TENTH))
+    assert odometry.locate(dataclasses.replace(updates[-1], features=other), guess) is None
+    assert error(odometry.process(scan_at(poses[-1], 20)), poses[-1])[0] < 0.03
