@@ -26,9 +26,9 @@ def nanoseconds(text, first=0, end=END_OF_TIME) -> int:
         stamp = (Decimal(text) * SECOND).to_integral_value()
         possible = first <= stamp < end
     except (ArithmeticError, ValueError):
-        raise ValueError(f'stamp {text!r} is no number of seconds') from None
+        raise ValueError(f'stamp {text!r:.60} is no number of seconds') from None
     if not possible:
-        raise ValueError(f'stamp {text} s is outside {first // SECOND} to {end // SECOND} s: expected seconds')
+        raise ValueError(f'stamp {text:.60} s is outside {first // SECOND} to {end // SECOND} s: expected seconds')
     return int(stamp)
 
 
@@ -37,7 +37,7 @@ def to_float(text) -> float:
     try:
         return float(text)
     except ValueError:
-        raise ValueError(f'{text!r} is not a number') from None
+        raise ValueError(f'{text!r:.60} is not a number') from None
 
 
 def seconds(stamp) -> str:

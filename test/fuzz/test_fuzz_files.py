@@ -190,7 +190,8 @@ def test_the_number_and_length_of_reported_problems_are_limited(tmp_path):
     recording = open_recording(path)
     assert recording.stamps() == [12_500_000_000]
     [problem] = recording.problems
-    assert problem.startswith('a.log:2: damaged FLASER skipped') and problem.endswith('x...') and len(problem) == 303
+    assert problem.startswith("a.log:2: damaged FLASER skipped: 'xxx") and problem.endswith('xxx is not a number')
+    assert len(problem) < 200
 
 
 def test_a_definition_in_a_bag_does_not_decide_how_its_scans_are_read(tmp_path):
