@@ -36,7 +36,7 @@ def estimate_translations(reference: Segments, current: Segments, phi: FloatArra
     means = np.array([samples[labels == cluster].mean(axis=0) for cluster in order.tolist()]).reshape(-1, 2)
     transform = np.column_stack((means, np.full(len(means), phi[0] if len(phi) else 0.0)))
     return Translations(transform, size[order].astype(float), samples, np.ones(len(samples)),
-                        np.zeros(len(samples), dtype=int), rank[labels], _EPS, lambda: np.empty((0, 3)))
+                        np.zeros(len(samples), dtype=int), rank[labels], _EPS)
 
 
 def line_equations(reference: Segments, current: Segments, phi: float) -> tuple[FloatArray, FloatArray]:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records of hypotheses: of rotations, of translations, of motions, and their assessment."""
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 from ..geometry.array_types import FloatArray, IntArray
@@ -52,8 +50,6 @@ class Translations:
         Cluster of each sample, in the order of `transform`; -1 for none.
     eps : float [m]
         Neighbourhood radius with which DBSCAN ran.
-    find_shortest : callable
-        Function that computes `shortest`.
     """
 
     transform: FloatArray
@@ -63,12 +59,6 @@ class Translations:
     rotation: IntArray
     labels: IntArray
     eps: float
-    find_shortest: Callable[[], FloatArray]
-
-    @cached_property
-    def shortest(self) -> FloatArray:
-        """``(K, 3)``: the shortest motion that aligns the lines, for the heaviest rotations; computed on first use."""
-        return self.find_shortest()
 
 
 class Candidates(NamedTuple):

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, boundscheck=True, wraparound=False, cdivision=True, initializedcheck=False
 """Translation hypotheses (section 2.2.2, Eq. 10-15)."""
-from functools import partial
-
 import numpy as np
 
 from ...features.records import EndKind
@@ -41,11 +39,9 @@ def estimate_translations(reference, current, rotations, weights, parameters):
     cdef TranslationClusters found = cluster_lines(views_of_segments(reference), views_of_segments(current),
                                                    np.ravel(rotations.difference), rotations.phi, np.ravel(weights),
                                                    parameters)
-    find_shortest = partial(shortest_translations, found.lines, rotations.phi[:parameters.shortest_rotations])
     samples = np.asarray(found.samples).view(float).reshape(-1, 2)
     return Translations(np.asarray(found.motion), np.asarray(found.weight), samples, np.asarray(found.sample_weight),
-                        np.asarray(found.rotation), np.asarray(found.labels), parameters.eps if len(samples) else 0.0,
-                        find_shortest)
+                        np.asarray(found.rotation), np.asarray(found.labels), parameters.eps if len(samples) else 0.0)
 
 
 def heaviest_motions(problem):
