@@ -225,7 +225,11 @@ def test_a_second_parent_of_the_base_is_named_and_ours_withdrawn(start_node, pla
 
 
 def publishers(peer):
-    return {f'{e.node_namespace.rstrip("/")}/{e.node_name}' for e in peer.node.get_publishers_info_by_topic('/tf')}
+    return names(peer.node.get_publishers_info_by_topic('/tf'))
+
+
+def names(endpoints):
+    return {f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}' for endpoint in endpoints}
 
 
 def ours(messages):
@@ -328,7 +332,8 @@ def test_of_two_nodes_on_one_frame_one_sends_and_when_it_ends_the_other(start_no
     """They start at the same scan, and each knows the other: none of them is disturbed."""
     nodes = {'odom': start_node(), 'laser_odom': start_node('-r', '__node:=second', '-p', 'odom_frame:=laser_odom')}
     player.wait_for_node(TIMEOUT)
-    peer.until(lambda: {'/scan_matcher', '/second'} <= publishers(peer))
+    # A node subscribes once it knows another one that publishes.
+    peer.until(lambda: {'/scan_matcher', '/second'} <= names(peer.node.get_subscriptions_info_by_topic('/tf')))
     received = peer.listen(tf_type, '/tf')
     peer.greet('/second')
     run = iter(rounds(scans[:40], 300))
