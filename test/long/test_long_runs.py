@@ -33,7 +33,7 @@ def test_the_node_says_the_same_to_the_last_bit(soaked, size):
 
 def test_the_bench_of_the_node_measures_a_running_node():
     pytest.importorskip('rclpy', reason='needs ROS 2 (rclpy)')
-    figures = streams.run(beams=181, fov=180.0, rate=10.0, count=30)
+    figures = streams.run({'beams': 181, 'fov': 180.0, 'rate': 10.0}, 30)
     assert figures['lost_count'] < 15
     assert 0.0 < figures['ms_p50'] <= figures['ms_p99'] < 2000.0
     assert 0.0 < figures['core'] < 4.0
