@@ -162,3 +162,7 @@ def test_without_points_that_face_along_it_a_degenerate_direction_is_not_searche
     candidates = rows(SE2(0.3, 0.0, 0.0))
     found = search_degenerate_direction(candidates, np.array([-0.7]), Problem(scan, scan, ALIKE))
     np.testing.assert_array_equal(found, candidates)
+
+
+def test_as_many_exempt_as_other_candidates_are_not_none():
+    assert Candidates(np.zeros((2, 3)), np.ones((2, 3))).size == 4
