@@ -34,6 +34,7 @@ from ..interfaces.messages import PoseError, PreparedMessage, initial_pose
 from ..interfaces.outputs import LATCHED
 from ..throttled_log import ThrottledLog
 from .messages import graph_to_message, grid_from_message, grid_to_message, pose_with_covariance
+from .tracking import WAITING as SCANS_LEFT_OUT
 from .tracking import Found, Picture, Tracking
 
 SENT = 500
@@ -167,6 +168,12 @@ class RobotInMap:
         if len(self._pending) == WAITING and self._transform:
             frames = f'from {self.parameters.odom_frame!r} to {self.parameters.base_frame!r}'
             text += f'; no transform {frames} is received at the time of the scans'
+        if self._tracking.waiting >= SCANS_LEFT_OUT:
+            level = DiagnosticStatus.ERROR
+            text += f'; too slow: {self._tracking.waiting} scans wait, and others are left out'
+        if self._tracking.fault:
+            level = DiagnosticStatus.ERROR
+            text += f'; the pose in the map is not updated: {self._tracking.fault}'
         if time.monotonic() - self._other_heard < WAIT:
             level = DiagnosticStatus.ERROR
             text += (f'; another node sends a transform to {self.parameters.odom_frame!r} too, from {self._other!r}: '

@@ -64,6 +64,10 @@ class Tracking:
     ----------
     results : deque of Found
         What was found since it was last emptied.
+    fault : str
+        Error of the latest step; empty if there was none.
+    waiting : int
+        Number of scans that wait; once they are `WAITING`, scans are left out.
     """
 
     def __init__(self, parameters: Parameters, builds: bool) -> None:
@@ -76,7 +80,7 @@ class Tracking:
         self._last: tuple[OdometryUpdate, SE2, Localization | None] | None = None
         self._given: InitialPose | None = None
         self._drawn = np.empty((0, DOF))
-        self._waiting = self._restarts = 0
+        self.fault, self.waiting, self._restarts = '', 0, 0
 
     def close(self) -> None:
         """Leave out what waits, but for maps that are to be written."""
@@ -91,7 +95,7 @@ class Tracking:
 
     def use_map(self, grid: Grid) -> None:
         """Localise in this map; if it replaces another one, the pose is kept until the scans contradict it."""
-        self._thread.submit(self._use_map, grid).add_done_callback(_print_error)
+        self._thread.submit(self._use_map, grid).add_done_callback(self._note)
 
     def process(self, update: OdometryUpdate, sensor_pose: SE2) -> None:
         """Use the next scan.
@@ -103,8 +107,8 @@ class Tracking:
         sensor_pose : SE2
             Pose in the base frame of the sensor that is tracked.
         """
-        if self._waiting < WAITING or update.reference_changed:
-            self._waiting += 1
+        if self.waiting < WAITING or update.reference_changed:
+            self.waiting += 1
             self._do(lambda: self._process(update, sensor_pose)).add_done_callback(self._count_down)
 
     def set_pose(self, given: InitialPose) -> None:
@@ -132,11 +136,17 @@ class Tracking:
                 step()
 
         future = self._thread.submit(unless_restarted)
-        future.add_done_callback(_print_error)
+        future.add_done_callback(self._note)
         return future
 
+    def _note(self, done: 'Future[None]') -> None:
+        """Keep the error of a step; it is also printed, with its traceback, as it is raised in the thread."""
+        error = done.exception()
+        self.fault = f'{type(error).__name__}: {error}' if error else ''
+        done.result()
+
     def _count_down(self, _done: 'Future[None]') -> None:
-        self._waiting -= 1
+        self.waiting -= 1
 
     def _restart(self) -> None:
         self._last = self._given = None
@@ -192,11 +202,6 @@ class Tracking:
             return Picture(made.graph, Grid.of_map(made, self._parameters))
         except DbscanRegError:
             return None
-
-
-def _print_error(done: 'Future[None]') -> None:
-    """Raise the error of a step: the thread prints it and goes on."""
-    done.result()
 
 
 def _at(pose: SE2, covariance: NDArray[np.float64], other: SE2) -> InitialPose:

@@ -121,3 +121,16 @@ def test_a_pose_that_was_set_before_the_map_came_counts_and_outlives_another_map
     tracking.restart()
     assert not tracking.results
     tracking.close()
+
+
+def test_an_error_is_kept_until_a_step_succeeds(updates, monkeypatch):
+    tracking = Tracking(Parameters(), builds=True)
+    with monkeypatch.context() as broken:
+        broken.setattr(tracking._mapper, 'process', lambda update: 1 / 0)
+        tracking.process(updates[0], LASER)
+        assert tracking.draw().result() is None
+        assert tracking.fault == 'ZeroDivisionError: division by zero' and not tracking.results
+    tracking.process(updates[0], LASER)
+    tracking.draw().result()
+    assert tracking.fault == '' and tracking.waiting == 0 and len(tracking.results) == 1
+    tracking.close()
