@@ -224,3 +224,9 @@ def test_only_three_functions_read_the_name_of_the_node_of_an_endpoint(root):
                             if isinstance(node, ast.Attribute) and node.attr == 'node_name'}
     assert readers == {('graph_checks.py', 'full_name'), ('graph_checks.py', 'is_scan_matcher'),
                        ('player.py', '_node_names')}
+
+
+def test_no_two_files_of_tests_have_one_name(root):
+    """They are imported by their names, and pytest refuses the second one."""
+    names = [path.name for path in (root / 'test').rglob('test_*.py')]
+    assert sorted(name for name in set(names) if names.count(name) > 1) == []
