@@ -137,14 +137,14 @@ def compare(args):
 
 def chosen(args) -> list:
     """Return the competitors named by the arguments, A first; print which of their parameters have no effect."""
-    from ..replays.odometry import wheel_parameters
+    from ..replays.odometry import prior_parameters
     from ..robot.parameters import REPLAYED
 
     competitors = [*map(Competitor.named, (args.a, args.b)), *map(Competitor.with_method, args.method),
                    *map(Competitor.named, args.parameters), *map(Competitor.with_trajectory, args.trajectory)]
     for competitor in competitors:
         if competitor.parameters:
-            used = REPLAYED | wheel_parameters(competitor.parameters) | ({'scan_topics'} if args.topic else set())
+            used = REPLAYED | prior_parameters(competitor.parameters) | ({'scan_topics'} if args.topic else set())
             note_unused('compare', [competitor.name], competitor.parameters, used)
     return competitors
 

@@ -45,6 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--wheels', action='store_true', help='use the wheel odometry of the recording as the external '
                         'prior, as the node with prior.source odometry does (default: only with this value of '
                         'prior.source)')
+    parser.add_argument('--imu', action='store_true', help='use the recorded yaw rates as the external prior, as the '
+                        'node with prior.source imu does; with --wheels as with odometry+imu')
     add_parameters(parser)
     parser.add_argument('--out', metavar='DIR', default='results', help='write the results to DIR/NAME/DATE and link '
                         'it as DIR/NAME/latest; for several recordings, also write DIR/index.html (default: results)')
@@ -79,7 +81,7 @@ def replay(args):
     else 0.
     """
     from ..replays.lidars import Lidars, parse_mountings, scan_topics
-    from ..replays.odometry import WHEELS, wheel_parameters
+    from ..replays.odometry import GYROSCOPE, WHEELS, prior_parameters
     from ..replays.page.entries import write_replay_index
     from ..robot.parameter_files import read_parameters
     from ..robot.parameters import REPLAYED, NodeParameters
@@ -90,9 +92,10 @@ def replay(args):
             raise DbscanRegError(f'--map-out {args.map_out}: expected one recording; {len(args.files)} are given')
         check_writable(args.map_out, DbscanRegError)
     parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
-    if args.wheels:
-        parameters = replace(parameters, prior=replace(parameters.prior, source=WHEELS))
-    used = REPLAYED | wheel_parameters(parameters)
+    if args.wheels or args.imu:
+        source = '+'.join([WHEELS] * args.wheels + [GYROSCOPE] * args.imu)
+        parameters = replace(parameters, prior=replace(parameters.prior, source=source))
+    used = REPLAYED | prior_parameters(parameters)
     topics = scan_topics(args.topic, parameters)
     note_unused('replay', args.params_file, parameters, used | ({'scan_topics'} if topics else set()))
     place = Path.absolute if args.scheduler else Path
@@ -162,7 +165,7 @@ def replay_one(path, lidars, parameters, options) -> Replayed:
     """
     from ..replays.faults import Faults
     from ..replays.lidars import lidars_of
-    from ..replays.odometry import OwnBodies, describe_prior, recorded_wheels, replay_odometry
+    from ..replays.odometry import OwnBodies, describe_prior, recorded_motion, replay_odometry
     from ..replays.result_folder import point_latest, register_command
     from ..replays.results import Results
     from ..replays.trajectory import too_few
@@ -171,9 +174,9 @@ def replay_one(path, lidars, parameters, options) -> Replayed:
     lidars = lidars.of_recording(path, parameters)
     recording = lidars.open(path, parameters)
     mounting, others = lidars_of(recording, lidars, parameters, options.frame == 'base')
-    wheels, broken = recorded_wheels(parameters, recording), None
+    motion, broken = recorded_motion(parameters, recording), None
     bodies = OwnBodies([(recording.topic, mounting), *((each.recording.topic, each.mounting) for each in others)])
-    odometry = replay_odometry(parameters, others, recording.topic, mounting, wheels, bodies)
+    odometry = replay_odometry(parameters, others, recording.topic, mounting, motion, bodies)
     faults = Faults(lambda error: explain(error)[1], options.verbose)
     results = Results(recording, odometry, options, faults)
     folder, trajectory = results.folder, results.trajectory
@@ -193,7 +196,7 @@ def replay_one(path, lidars, parameters, options) -> Replayed:
     lines = [f'results     {folder}', *(line for each in (recording, *(other.recording for other in others))
                                         for line in shortened(each.problems)),
              *(f'{prefix}{line}' for line in shortened(trajectory.problems)),
-             *(f'{name:11} {value}' for name, value in (*describe_prior(parameters, wheels), *summary))]
+             *(f'{name:11} {value}' for name, value in (*describe_prior(parameters, motion), *summary))]
     return _replayed(results, lines, broken)
 
 

@@ -80,7 +80,7 @@ def tune(args):
     """Search, write the best parameters and print how much they decrease the error."""
     from ..evaluation.comparison import known_motion
     from ..replays.lidars import Lidars, parse_mountings, scan_topics
-    from ..replays.odometry import wheel_parameters
+    from ..replays.odometry import prior_parameters
     from ..robot.parameter_files import read_parameters, write_parameters
     from ..robot.parameters import REPLAYED, NodeParameters
     from ..tuning.objective import HOPELESS
@@ -91,7 +91,7 @@ def tune(args):
 
     start = read_parameters(args.params_file) if args.params_file else NodeParameters()
     lidars = Lidars(scan_topics(args.topic, start), parse_mountings(args.mounting))
-    used = REPLAYED | wheel_parameters(start) | ({'scan_topics'} if lidars.topics else set())
+    used = REPLAYED | prior_parameters(start) | ({'scan_topics'} if lidars.topics else set())
     note_unused('tune', args.params_file, start, used)
     axes = [read_axis(text, start) for text in args.parameters]
     searched, held_out = _recordings(args, lidars, start)

@@ -15,6 +15,7 @@ from ..core.geometry.mounting import Mounting
 from ..core.geometry.se2 import SE2
 from ..core.registration.records import Prior
 from ..core.scan import in_nanoseconds
+from ..recordings.playback import NOT_MEASURED
 from ..robot.base_state import measured_prior, sensor_prior
 from ..robot.parameter_groups import NodePriorParameters
 from ..robot.parameters import NodeParameters
@@ -25,8 +26,6 @@ from .interfaces.messages import PoseError, planar_from_message
 from .throttled_log import ThrottledLog
 
 QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-NO_ANGULAR_VELOCITY = -1.0
-"""Value of the first element of ``angular_velocity_covariance`` if an IMU has no gyroscope."""
 
 Predict = Callable[[int], Prior | None]
 """Function of a stamp [ns] that returns the prediction of the motion model."""
@@ -228,7 +227,7 @@ class _Gyroscope:
         self.name = subscription(node, Imu, 'imu', self._on_message, QUALITY).topic_name
 
     def _on_message(self, message: Imu) -> None:
-        if message.angular_velocity_covariance[0] == NO_ANGULAR_VELOCITY:
+        if message.angular_velocity_covariance[0] == NOT_MEASURED:
             self._log.warn(f'{self.name}: angular_velocity_covariance begins with -1, so there is no yaw rate')
             return
         if not math.isfinite(message.angular_velocity.z):

@@ -7,6 +7,8 @@ from ..core.errors import RecordingError
 ODOMETRY, IMU, TRANSFORMS = 'nav_msgs/msg/Odometry', 'sensor_msgs/msg/Imu', 'tf2_msgs/msg/TFMessage'
 RENAMED = {'tf/msg/tfMessage': TRANSFORMS}
 """Message type in old bags -> its name today."""
+NOT_MEASURED = -1.0
+"""First element of a covariance in a ``sensor_msgs/Imu`` that marks a quantity as not measured."""
 USUAL_IMU = '/imu', '/imu/data'
 """If a recording has several IMU topics, the first one of these is played."""
 
@@ -67,7 +69,7 @@ def inputs_of(kinds, wheels, scans='/scan') -> dict:
     scans : str
         The topic of the scans.
     """
-    found = {wheels: 'wheel_odom', _imu({topic: kinds[topic] for topic in of_robot(kinds, kinds, scans)}): 'imu'}
+    found = {wheels: 'wheel_odom', imu_topic({topic: kinds[topic] for topic in of_robot(kinds, kinds, scans)}): 'imu'}
     found |= {topic_of_transforms(kinds, name, scans): name for name in ('/tf', '/tf_static')}
     return {topic: name for topic, name in found.items() if topic}
 
@@ -87,7 +89,7 @@ def _robot(topic):
     return topic.strip('/').rpartition('/')[0].partition('/')[0]
 
 
-def _imu(kinds):
+def imu_topic(kinds):
     """Return the only IMU topic; of several, the first one of `USUAL_IMU` that is recorded; else None."""
     imus = [topic for topic, kind in kinds.items() if kind == IMU]
     return only(imus) or next((topic for topic in USUAL_IMU if topic in imus), None)

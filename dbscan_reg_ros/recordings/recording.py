@@ -115,6 +115,10 @@ class Recording:
         """Return raw wheel odometry: stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad] of the base, or None."""
         return None
 
+    def yaw_rates(self) -> StampedPoses | None:
+        """Return the yaw rates of a gyroscope: stamps ``(N,)`` [ns] and rates ``(N,)`` [rad/s], or None."""
+        return None
+
     def truth(self) -> StampedPoses | None:
         """Return ground-truth poses of the laser: stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad], or None."""
         return None

@@ -4,51 +4,85 @@ import dataclasses
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from ..core.errors import ScanError
 from ..core.geometry.se2 import SE2
 from ..core.odometry.calibration.odd_one import UNFIT, named
 from ..core.odometry.pipeline import Odometry
-from ..core.registration.records import Status
+from ..core.registration.records import Prior, Status
 from ..core.sensor import FIRST, Sensor
 from ..recordings.checks.scan_warnings import Kind
+from ..recordings.recording import StampedPoses
 from ..robot.base_state import measured_prior, sensor_prior
 from ..robot.own_body import OwnBody, advice, described
-from ..robot.pose_history import PoseHistory
+from ..robot.pose_history import HeadingHistory, PoseHistory
 from ..robot.scan_buffer import RecordedScans
 from .lidars import lidars_of, prepared
 from .trajectory import Trajectory
 
-WHEELS = 'odometry'
-"""Value of ``prior.source`` with which a replay uses the recorded wheel odometry."""
+WHEELS, GYROSCOPE = 'odometry', 'imu'
+"""Values of ``prior.source``, alone or joined by ``+``, with which a replay uses recorded wheels and yaw rates."""
 
 
-def recorded_wheels(parameters, recording):
-    """Return the wheel odometry of a `recording`; None if it has none or the `parameters` do not use it."""
-    return recording.wheel_odometry() if parameters.prior.source == WHEELS else None
+class RecordedMotion(NamedTuple):
+    """What a recording says about the motion of the robot, as far as it is wanted and recorded.
+
+    Attributes
+    ----------
+    wheels : (stamps (N,) int64 [ns], poses (N, 3) float [m, m, rad]) or None
+        Wheel odometry of the base.
+    yaw_rates : (stamps (N,) int64 [ns], rates (N,) float [rad/s]) or None
+    """
+
+    wheels: StampedPoses | None = None
+    yaw_rates: StampedPoses | None = None
+
+    def backward(self, ends) -> 'RecordedMotion':
+        """Return the motion of the same drive backward in time; `ends` is the sum of its first and last stamp."""
+        wheels, rates = self
+        return RecordedMotion(wheels and (ends - wheels[0][::-1], wheels[1][::-1]),
+                              rates and (ends - rates[0][::-1], -rates[1][::-1]))
 
 
-def replay_odometry(parameters, others, topic, mounting, wheels, bodies=None):
-    """Return the `ReplayOdometry` of a recording; wheels are from `recorded_wheels`, the rest as for this class."""
+def _sources(parameters) -> set[str]:
+    """Return which of `WHEELS` and `GYROSCOPE` the parameters use."""
+    return {WHEELS, GYROSCOPE} & set(parameters.prior.source.split('+'))
+
+
+def recorded_motion(parameters, recording) -> RecordedMotion:
+    """Return what the `parameters` use of the recorded motion of the robot."""
+    used = _sources(parameters)
+    return RecordedMotion(recording.wheel_odometry() if WHEELS in used else None,
+                          recording.yaw_rates() if GYROSCOPE in used else None)
+
+
+def replay_odometry(parameters, others, topic, mounting, motion, bodies=None):
+    """Return the `ReplayOdometry` of a recording; `motion` is a `RecordedMotion`, the rest as for this class."""
     odometry = ReplayOdometry(Odometry(parameters.for_odometry()), others, topic, mounting, parameters)
-    odometry.wheels = wheels and WheelPriors(wheels, mounting, parameters.prior)
+    odometry.priors = RecordedPriors(motion, mounting, parameters.prior) if any(motion) else None
     odometry.bodies = bodies
     return odometry
 
 
-def wheel_parameters(parameters) -> set[str]:
-    """Return the full names of the parameters that the use of recorded wheels needs; none if they are not used."""
-    if parameters.prior.source != WHEELS:
+def prior_parameters(parameters) -> set[str]:
+    """Return the full names of the parameters that the use of a recorded motion needs; none if none is used."""
+    if not _sources(parameters):
         return set()
     names = {each.name for each in parameters.describe()}
     return {name for name in names if name.removeprefix('advanced.').startswith('prior.')} - {'prior.frame'}
 
 
-def describe_prior(parameters, wheels) -> list:
+def describe_prior(parameters, motion) -> list:
     """Return a line about the external prior, as (name, text) pairs; none if none is wanted."""
-    if parameters.prior.source != WHEELS:
+    used = _sources(parameters)
+    if not used:
         return []
-    return [('prior', 'the recorded wheel odometry' if wheels else 'none, as the recording has no wheel odometry')]
+    parts = [(WHEELS, motion.wheels, 'wheel odometry'), (GYROSCOPE, motion.yaw_rates, 'IMU')]
+    found = ' and '.join(name for source, part, name in parts if source in used and part)
+    missing = ' and no '.join(name for source, part, name in parts if source in used and not part)
+    return [('prior', (f'the recorded {found}' if found else 'none')
+             + (f', as the recording has no {missing}' if missing else ''))]
 
 
 def replayed_trajectory(recording, scans, lidars, parameters) -> Trajectory:
@@ -63,7 +97,7 @@ def replayed_trajectory(recording, scans, lidars, parameters) -> Trajectory:
     parameters : NodeParameters
     """
     mounting, others = lidars_of(recording, lidars, parameters)
-    odometry = replay_odometry(parameters, others, recording.topic, mounting, recorded_wheels(parameters, recording))
+    odometry = replay_odometry(parameters, others, recording.topic, mounting, recorded_motion(parameters, recording))
     trajectory = Trajectory(mounting.pose.theta, mounting.upside_down, numbers=odometry.numbers if others else [])
     for _ in trajectory.follow(prepared(scans, mounting, parameters.input_of(recording.topic)), odometry):
         pass
@@ -133,7 +167,7 @@ class ReplayOdometry:
     ----------
     parameters : NodeParameters
     mounting : Mounting
-    wheels : WheelPriors or None
+    priors : RecordedPriors or None
         External priors of the scans.
     bodies : OwnBodies or None
         Receives each scan.
@@ -146,7 +180,7 @@ class ReplayOdometry:
     """
 
     def __init__(self, odometry, others, first, mounting, parameters):
-        self.wheels = self.bodies = None
+        self.priors = self.bodies = None
         self.parameters, self.mounting = parameters, mounting
         self.recordings = [other.recording for other in others]
         self._odometry, self._first = odometry, FIRST
@@ -196,7 +230,8 @@ class ReplayOdometry:
         """Return the update of a scan of the lidar `sensor`, and count it; raise a ScanError if it is unusable."""
         counts = self.counts[sensor.name]
         try:
-            update = self._odometry.process(scan, self.wheels and self.wheels.prior(scan.stamp), sensor)
+            prior = self.priors and self.priors.prior(scan.stamp, self._odometry.predict_motion)
+            update = self._odometry.process(scan, prior, sensor)
         except ScanError as error:
             counts.skipped += 1
             counts.problem = str(error)
@@ -206,20 +241,19 @@ class ReplayOdometry:
             counts.ignored[compared.reason if compared else 'as they repeat the scan before'] += 1
         else:
             counts.statuses[update.status] += 1
-            if self.wheels:
-                self.wheels.last = scan.stamp
+            if self.priors:
+                self.priors.last = scan.stamp
         if self.bodies:
             self.bodies.add(scan, update)
         return update
 
 
-class WheelPriors:
-    """Recorded wheel odometry as the external prior of each scan.
+class RecordedPriors:
+    """Recorded wheels and yaw rates as the external prior of each scan, as `node.priors.Priors` has it.
 
     Parameters
     ----------
-    wheels : (stamps, poses)
-        Stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad] of the base.
+    motion : RecordedMotion
     mounting : Mounting
         Mounting of the first lidar, of which the odometry estimates the pose.
     parameters : NodePriorParameters
@@ -230,18 +264,40 @@ class WheelPriors:
         Stamp [ns] of the last scan of any lidar that was used.
     """
 
-    def __init__(self, wheels, mounting, parameters):
+    def __init__(self, motion, mounting, parameters):
         self._mounting, self._parameters = mounting, parameters
-        self._ahead = zip(wheels[0].tolist(), wheels[1].tolist(), strict=True)
-        self._poses = PoseHistory()
+        wheels, rates = (zip(each[0].tolist(), each[1].tolist(), strict=True) if each else iter(()) for each in motion)
+        self._wheels, self._rates = ((stamp, SE2(*pose)) for stamp, pose in wheels), rates
+        self._poses, self._headings = PoseHistory(), HeadingHistory()
         self.last: int | None = None
 
-    def prior(self, stamp):
-        """Return the motion of the first lidar since the `last` scan; None where the wheels have no data."""
-        while not self._poses.reaches(stamp) and (following := next(self._ahead, None)):
-            self._poses.add(following[0], SE2(*following[1]))
-        motion = None if self.last is None else self._poses.motion(self.last, stamp)
-        return motion and sensor_prior(measured_prior(motion, self._parameters), self._mounting, self._mounting)
+    def prior(self, stamp, predict):
+        """Return the motion of the first lidar since the `last` scan; None where nothing was recorded.
+
+        `predict` returns the prediction of the motion model at a stamp: the translation where there are no wheels.
+        """
+        _read(self._wheels, self._poses, self._poses.add, stamp)
+        _read(self._rates, self._headings, self._headings.add_rate, stamp)
+        if self.last is None:
+            return None
+        driven, rotation = (each.motion(self.last, stamp) for each in (self._poses, self._headings))
+        base = measured_prior(driven, self._parameters) if driven else None
+        if rotation is not None:
+            base = base or self._of_base(predict(stamp))
+            base = base and base.with_rotation(rotation.theta, self._parameters.wheel_sigma(rotation)[2])
+        return base and sensor_prior(base, self._mounting, self._mounting)
+
+    def _of_base(self, predicted):
+        """Return the motion of the base that follows from a predicted one of the lidar."""
+        at = self._mounting.aligned_pose
+        return predicted and Prior(at @ predicted.transform @ at.inverse(), predicted.covariance,
+                                   predicted.velocity_change)
+
+
+def _read(ahead, history, add, stamp):
+    """Add what is recorded up to a `stamp` to its history."""
+    while not history.reaches(stamp) and (following := next(ahead, None)):
+        add(*following)
 
 
 class OwnBodies:

@@ -11,14 +11,13 @@ from ..core.errors import RecordingError
 from ..recordings import interpolate
 from ..recordings.conversion import bag_writer, check_target, write_log
 from ..recordings.message_fields import header_fields, pose_fields, pose_only_fields, scan_fields
+from ..recordings.playback import NOT_MEASURED
 from ..recordings.recording import Record
 from .simulate import Simulation
 
 ODOMETRY = 'nav_msgs/msg/Odometry'
 TOPICS = {'/scan': 'sensor_msgs/msg/LaserScan', '/wheel_odom': ODOMETRY, '/imu': 'sensor_msgs/msg/Imu',
           '/truth': ODOMETRY, '/tf_static': 'tf2_msgs/msg/TFMessage'}
-NONE = -1.0
-"""First element of a covariance in an Imu message that marks a quantity as not measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +111,7 @@ def _twists(simulation):
 
 
 def _turning(stamp, rate):
-    unknown = np.array([NONE, *np.zeros(8)])
+    unknown = np.array([NOT_MEASURED, *np.zeros(8)])
     return {'header': header_fields(stamp, 'imu'), 'angular_velocity': {'z': float(rate)},
             'orientation_covariance': unknown, 'linear_acceleration_covariance': unknown}
 

@@ -18,7 +18,7 @@ from ..recordings import open_recording
 from ..recordings.bags.clouds import CloudParameters
 from ..recordings.poses import relative
 from ..replays.lidars import RecordedLidar, lidars_of, prepared
-from ..replays.odometry import recorded_wheels, replay_odometry, replayed_trajectory
+from ..replays.odometry import recorded_motion, replay_odometry, replayed_trajectory
 from ..replays.trajectory import Trajectory
 
 OBJECTIVES = ('auto', 'truth', 'consistency')
@@ -75,16 +75,16 @@ def _known(path, topic, clouds):
 def _inconsistency(recording, scans, lidars, parameters):
     """Return the mean difference over 1 m between a forward and a backward pass, plus the gaps at loops [m]."""
     mounting, others = lidars_of(recording, lidars, parameters)
-    wheels = recorded_wheels(parameters, recording)
+    motion = recorded_motion(parameters, recording)
     scans = list(prepared(scans, mounting, parameters.input_of(recording.topic)))
     forward, backward = Trajectory(), Trajectory()
     features = [update.features for update in forward.follow(
-        scans, replay_odometry(parameters, others, recording.topic, mounting, wheels))]
+        scans, replay_odometry(parameters, others, recording.topic, mounting, motion))]
     ends = scans[0].stamp + scans[-1].stamp
     others = [BackwardLidar(other.recording, other.mounting, other.limits, ends) for other in others]
-    wheels = wheels and (ends - wheels[0][::-1], wheels[1][::-1])
+    motion = motion.backward(ends)
     for _ in backward.follow(_backward(scans, ends),
-                             replay_odometry(parameters, others, recording.topic, mounting, wheels)):
+                             replay_odometry(parameters, others, recording.topic, mounting, motion)):
         pass
     there, back = forward.pose_array(), backward.pose_array()[::-1]
     if not len(there) == len(back) > 1:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS 1 and ROS 2 bags as recordings of scans."""
+import math
 from collections import Counter
 from itertools import islice
 
@@ -11,7 +12,7 @@ from ...core.scan import Scan, in_nanoseconds
 from ...robot.revolution import Revolution
 from ...robot.sensors import FRAME_MARK, name_in_frame
 from ..checks.scan_checks import ScanFields, ScanWatch
-from ..playback import ODOMETRY, RENAMED, Channel, Played, inputs_of, of_robot, only
+from ..playback import NOT_MEASURED, ODOMETRY, RENAMED, Channel, Played, imu_topic, inputs_of, of_robot, only
 from ..poses import PoseError, compose, corrected, planar
 from ..recording import Record, Recording
 from ..truth import interpolate
@@ -178,6 +179,22 @@ class Bag(Recording):
     def wheel_odometry(self):
         """Return stamps ``(N,)`` [ns] and poses ``(N, 3)`` [m, m, rad] of the wheel topic, or None without one."""
         return self._odometry(self._wheel_topic)
+
+    def yaw_rates(self):
+        """Return stamps ``(N,)`` [ns] and yaw rates ``(N,)`` [rad/s] of the IMU topic, or None without one.
+
+        Messages without a yaw rate, as ``sensor_msgs/Imu`` marks them, are left out.
+        """
+        topic = imu_topic({name: self._kinds[name] for name in of_robot(self._kinds, self._kinds, self._recorded)})
+        if topic is None:
+            return None
+        found = [(in_nanoseconds(message.header.stamp), message.angular_velocity.z)
+                 for *_, message in self._messages([topic])
+                 if message.angular_velocity_covariance[0] != NOT_MEASURED
+                 and math.isfinite(message.angular_velocity.z)]
+        if not found:
+            return None
+        return np.array([stamp for stamp, _ in found], dtype=np.int64), np.array([rate for _, rate in found])
 
     def truth(self):
         """Return stamps and poses of the truth topic, or of the laser topic if its poses were corrected, or None."""

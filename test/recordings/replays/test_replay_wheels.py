@@ -14,7 +14,7 @@ from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.sensor import FIRST, Sensor
 from dbscan_reg_ros.recordings import open_recording
-from dbscan_reg_ros.replays.odometry import ReplayOdometry, WheelPriors
+from dbscan_reg_ros.replays.odometry import RecordedMotion, RecordedPriors, ReplayOdometry
 from dbscan_reg_ros.robot.parameter_groups import NodePriorParameters
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
@@ -56,6 +56,25 @@ def test_a_replay_names_a_recording_without_wheels(corridor, tmp_path, capsys):
     assert 'prior       none, as the recording has no wheel odometry\n' in capsys.readouterr().out
 
 
+def test_recorded_yaw_rates_are_the_rotation_of_the_prior(corridor, tmp_path, capsys):
+    recording = open_recording(corridor)
+    stamps, rates = recording.yaw_rates()
+    truth = recording.truth()
+    scans = list(recording.scans())[:40]
+    for wheels in (None, recording.wheel_odometry()):
+        priors = RecordedPriors(RecordedMotion(wheels, (stamps, rates)), Mounting(), NodePriorParameters())
+        odometry = Odometry()
+        for k, scan in enumerate(scans):
+            prior = priors.prior(scan.stamp, odometry.predict_motion)
+            if k > 1:
+                turned = SE2(*truth[1][k - 1]).inverse() @ SE2(*truth[1][k])
+                assert prior.transform.theta == pytest.approx(turned.theta, abs=0.01)
+            odometry.process(scan, prior)
+            priors.last = scan.stamp
+    replayed(corridor, tmp_path / 'both', '--wheels', '--imu')
+    assert 'prior       the recorded wheel odometry and IMU\n' in capsys.readouterr().out
+
+
 def test_the_prior_is_the_motion_of_the_lidar_since_the_last_scan_that_was_used(corridor):
     """A further lidar is not used before it has been compared."""
     recording, mounting, priors, used = open_recording(corridor), MOUNTING, [], []
@@ -72,7 +91,7 @@ def test_the_prior_is_the_motion_of_the_lidar_since_the_last_scan_that_was_used(
     rear = SimpleNamespace(recording=SimpleNamespace(topic='rear'), scans=lambda _: scans[4:5],
                            sensor=lambda _, rank: Sensor('rear', rank=rank))
     odometry = ReplayOdometry(Recorder(), [rear], 'scan', mounting, NodeParameters())
-    odometry.wheels = WheelPriors((stamps, poses), mounting, NodePriorParameters())
+    odometry.priors = RecordedPriors(RecordedMotion((stamps, poses)), mounting, NodePriorParameters())
     for scan in [*scans[:4], *scans[5:]]:
         odometry.process(scan)
     assert priors[0] is None and used == [k != 4 for k in range(7)]
