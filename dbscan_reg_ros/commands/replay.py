@@ -193,7 +193,8 @@ def replay_one(path, lidars, parameters, options) -> Replayed:
     summary = results.write(register_command(folder, recording, lidars))
     faults.attempt('latest', point_latest, folder)
     prefix = f'{recording.topic}: ' if others else ''
-    lines = [f'results     {folder}', *(line for each in (recording, *(other.recording for other in others))
+    made = [f'map         {options.map_out}'] if options.map_out else []
+    lines = [f'results     {folder}', *made, *(line for each in (recording, *(other.recording for other in others))
                                         for line in shortened(each.problems)),
              *(f'{prefix}{line}' for line in shortened(trajectory.problems)),
              *(f'{name:11} {value}' for name, value in (*describe_prior(parameters, motion), *summary))]

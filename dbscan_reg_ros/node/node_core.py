@@ -96,6 +96,7 @@ class NodeCore:
         node.context.on_shutdown(self._write_state)
         self._origin: SE2 | None = None
         self._between: Timer | None = None
+        self._predicted_from: BaseState | None = None
         self._last: tuple[Lidar, ScanMessage, BaseState] | None = None
         self._reconfigure(parameters)
         live.changed = self._reconfigure
@@ -107,6 +108,9 @@ class NodeCore:
     def _make_in_map(self, parameters: NodeParameters) -> 'RobotInMap | None':
         """Make what localises or maps; without it nothing of that is imported."""
         if parameters.map.mode == 'none':
+            if parameters.map.file:
+                self._node.get_logger().warning(f'map.file = {parameters.map.file!r} has no effect: map.mode is none; '
+                                                'set it to localize or slam')
             return None
         from .map.robot_in_map import RobotInMap
         return RobotInMap(self._node, parameters, self._log, self._listener, self._sender)
@@ -268,6 +272,11 @@ class NodeCore:
             predicted = predicted_state(state, now, self._odometry.parameters)
             self._sender.send_predicted(predicted)
             self._outputs.publish_predicted(predicted)
+        elif state is not self._predicted_from:
+            age = (now - state.stamp) / SECOND
+            self._log.warn(f'publish_rate has no effect: the last scan is {age:.3f} s older than the clock of the '
+                           'node, expected from 0 to advanced.odometry.coast_time; a recording needs use_sim_time')
+        self._predicted_from = state
 
     def _on_stamps_restart(self, lidar: Lidar) -> None:
         """Reset the odometry; if scans of an earlier lidar are received, only the driver of this one has restarted."""

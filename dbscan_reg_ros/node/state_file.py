@@ -50,8 +50,12 @@ class StateFile:
             frames, missed = {name: found[name] for name in self._frames}, time.time() - float(found['time'])
             if covariance.shape != (DOF, DOF) or not np.isfinite(covariance).all():
                 raise ValueError('covariance')
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            self._logger.warning(f'state_file {self._path}: expected what this node writes, not used: {error}')
+        except OSError as error:
+            self._logger.warning(f'state_file {self._path}: cannot be read: {error.strerror}')
+            return None
+        except (ValueError, KeyError, TypeError):
+            self._logger.warning(f'state_file {self._path}: damaged, or of another program; not used, and overwritten '
+                                 'with the first pose')
             return None
         if frames != self._frames:
             self._logger.warning(f'state_file {self._path}: the pose is of {frames}, expected {self._frames}; not used')

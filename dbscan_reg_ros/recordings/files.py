@@ -12,8 +12,12 @@ UNREADABLE = OSError, EOFError, zlib.error, UnicodeDecodeError
 
 @contextmanager
 def replacing(path, binary=False):
-    """Provide a text or `binary` file to write to; it replaces the file at `path` once it is complete."""
+    """Provide a text or `binary` file to write to; it replaces the file at `path` once it is complete.
+
+    Missing folders above it are made.
+    """
     path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(path.name + '.part')
     try:
         with open(unfinished, 'wb') if binary else open(unfinished, 'w', encoding='utf-8') as file:

@@ -175,7 +175,7 @@ class MapParameters(ParameterGroup):
              'guess, and followed) or slam (a map is built while the robot drives, and its loops are closed).')
     file: str = parameter(
         '',
-        help='With map.mode localize, file of the map, which is read at the start: of replay --map-out or of '
+        help='With map.mode localize, file of the map, which is read at once: of replay --map-out or of '
              '~/save_map (.npz), or the map.yaml of an occupancy grid; empty: the topic map. With slam, file that '
              '~/save_map writes. A leading ~ means the home directory.')
     frame: str = parameter(

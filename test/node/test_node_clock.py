@@ -71,6 +71,13 @@ def test_between_scans_odom_and_transform_are_predicted(start_node, player, peer
     assert len(transforms) == count
 
 
+def test_a_rate_that_has_no_effect_is_named(start_node, player, peer, scans):
+    """Scans of long ago, without simulated time."""
+    node = start_node('-p', 'publish_rate:=50.0')
+    assert played(player, scans[:3]).lost == 0
+    said(node, 'publish_rate has no effect: the last scan is ', peer)
+
+
 def test_a_looped_bag_restarts_the_odometry_with_each_loop(node, player, peer, scans, truth):
     """Stamps that go back by seconds are a recording that starts again."""
     tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage

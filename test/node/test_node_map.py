@@ -15,6 +15,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import OccupancyGrid
 from ros_helpers import LATCHED, TIMEOUT, Loudspeaker, diagnosis, pose_of, said, transform
+from ros_helpers import Parameters as NodeParameters
 from std_msgs.msg import String
 from std_srvs.srv import Empty, Trigger
 from visualization_msgs.msg import MarkerArray
@@ -204,6 +205,20 @@ def test_ctrl_c_while_a_map_is_written_loses_nothing(start_command, player, peer
     assert node.wait(TIMEOUT) == 0
     assert len(Map.load(file).views) > 5 and [path.name for path in tmp_path.glob('floor*')] == ['floor.npz']
     assert 'Traceback' not in node.output()
+
+
+def test_a_map_can_be_given_later_and_its_lack_is_named(start_command, player, peer, tmp_path):
+    node = start_command('scan_matcher', '--ros-args', *MOUNTED, '-p', 'map.mode:=localize')
+    player.wait_for_node(TIMEOUT)
+    said(node, 'no map is received on /map: start a map server, or set map.file', peer)
+    parameters = NodeParameters(peer)
+    parameters.set(**{'map.file': str(tmp_path / 'missing.npz')})
+    said(node, 'the map before is kept', peer)
+    (tmp_path / 'map.pgm').write_bytes(b'P5 40 20 255\n' + bytes(400) + bytes([254]) * 400)
+    (tmp_path / 'map.yaml').write_text('{image: map.pgm, resolution: 0.1, origin: [0, 0, 0], negate: 0, '
+                                       'occupied_thresh: 0.65, free_thresh: 0.25}')
+    parameters.set(**{'map.file': str(tmp_path / 'map.yaml')})
+    said(node, 'map of 40 x 20 cells of 0.1 m: searching', peer)
 
 
 def test_a_map_that_cannot_be_read_ends_the_node_with_one_line(start_command, tmp_path):

@@ -41,6 +41,8 @@ SENT = 500
 """Number of our latest transforms that are recognised when they are received."""
 WAITING = 20
 """Largest number of scans that wait for a transform of the odometry at their stamps."""
+PATIENCE = 5.0
+"""Time [s] after which the lack of a map is said."""
 DRAWN_EVERY, DRAWN_SHARE = 2.0, 0.1
 """Least interval [s] between two pictures of a map that is built, and largest share of the time that they take."""
 
@@ -69,7 +71,7 @@ class RobotInMap:
 
     def __init__(self, node: Node, parameters: NodeParameters, log: ThrottledLog, listener: TransformListener | None,
                  sender: TransformSender) -> None:
-        self.parameters = parameters
+        self._parameters = parameters
         self._node, self._log, self._listener, self._sender = node, log, listener, sender
         self._builds = parameters.map.mode == 'slam'
         known = None if self._builds or not parameters.map.file else _load(parameters)
@@ -95,10 +97,27 @@ class RobotInMap:
         self._transform = SE2() if self._builds else None
         self._pending: deque[BaseState] = deque(maxlen=WAITING)
         self._announce('' if self._builds or known else 'waiting for a map')
+        self._began = time.monotonic()
+        if self._builds and not parameters.map.file:
+            node.get_logger().info('map.file is empty: ~/save_map needs it, and ros2 param set sets it')
+        self._waits_for_map = not self._builds
         if known:
             self._use(known)
-            if self._map:
-                self._map.publish(grid_to_message(known, self._now(), frame))
+
+    @property
+    def parameters(self) -> NodeParameters:
+        """Parameters of the node; another ``map.file`` is read at once where the robot is localised."""
+        return self._parameters
+
+    @parameters.setter
+    def parameters(self, value: NodeParameters) -> None:
+        changed = value.map.file and value.map.file != self._parameters.map.file
+        self._parameters = value
+        if changed and not self._builds:
+            try:
+                self._use(_load(value))
+            except ParameterError as error:
+                self._log.warn(f'{error}; the map before is kept')
 
     def _subscribe_and_serve(self, without_map: bool) -> None:
         """Create the subscriptions and services of the mode."""
@@ -152,6 +171,9 @@ class RobotInMap:
         self._take_results()
         if self._builds:
             self._draw()
+        elif self._waits_for_map and time.monotonic() - self._began > PATIENCE:
+            self._log.warn(f'no map is received on {self._node.resolve_topic_name("map")}: start a map server, or set '
+                           'map.file')
 
     def diagnosis(self) -> DiagnosticStatus:
         """Return the state of the localisation for /diagnostics."""
@@ -238,9 +260,13 @@ class RobotInMap:
         return self._listener.planar(self.parameters.odom_frame, self.parameters.base_frame, state.stamp)
 
     def _use(self, grid: Grid) -> None:
+        """Localise in this map, and publish it if it is our own."""
+        self._waits_for_map = False
         self._tracking.use_map(grid)
         self._node.get_logger().info(f'map of {grid.values.shape[1] - 2} x {grid.values.shape[0] - 2} cells of '
                                      f'{grid.resolution:g} m: searching')
+        if self._map:
+            self._map.publish(grid_to_message(grid, self._now(), self.parameters.map.frame))
 
     def _on_map(self, message: OccupancyGrid) -> None:
         same = self._received and (message.info.origin, message.info.resolution, message.data) == (

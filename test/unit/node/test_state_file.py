@@ -78,7 +78,8 @@ def test_a_pose_of_other_frames_or_of_long_ago_is_not_used(opened, clock):
 
 
 def test_what_cannot_be_written_is_said_once(opened, clock, tmp_path):
-    file = opened(state_file=str(tmp_path / 'missing' / 'pose.json'))
+    (tmp_path / 'file').touch()
+    file = opened(state_file=str(tmp_path / 'file' / 'pose.json'))
     for second in range(20):
         clock.now += 1.0
         file.keep(state(0.0, second))
