@@ -181,8 +181,8 @@ def add_node(command):
 def add_places(command):
     """Add the options of ``bench places``."""
     command.add_argument('--seeds', type=positive, default=3, metavar='N', help='simulated floors (default: 3)')
-    command.add_argument('--only', nargs='+', choices=('intel', 'grids', 'floors', 'carried', 'outside'),
-                         help='only these tables')
+    command.add_argument('--only', nargs='+', help='only these tables',
+                         choices=('intel', 'vote', 'grids', 'floors', 'wings', 'carried', 'outside'))
 
 
 def add_fingerprint(command):

@@ -5,9 +5,10 @@ A robot that believes a wrong place drives into walls: no start may be wrong, an
 Not to know is right for a while.
 """
 import math
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import process_time
 
 import numpy as np
 
@@ -18,13 +19,15 @@ from dbscan_reg_ros.places.grid import RESOLUTION
 from dbscan_reg_ros.places.localizer import Localizer, State
 from dbscan_reg_ros.places.map_files import load_grid
 from dbscan_reg_ros.recordings import data_folder, open_recording
+from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.replays.occupancy_map import write_occupancy_map
 from dbscan_reg_ros.simulation import Lidar
 
 from ..bounds import at_least, at_most
 from ..intel import Intel
 from ..report import Report
-from .starts import COVERED, PARAMETERS, RIGHT, Mapped, floor_drive, floor_map, followed, kidnapped
+from .starts import COVERED, PARAMETERS, RIGHT, Mapped, first_answer, floor_drive, floor_map, followed, kidnapped
+from .vote import Vote
 
 LIDARS = {'360': Lidar(beams=360, angle_min=-math.pi, rate=5.0), '180': Lidar(rate=8.0)}
 """Field of view [deg] -> lidar on the simulated floors."""
@@ -39,6 +42,7 @@ BOUNDS = {'intel': {'right': at_least(0.95), 'wrong_count': at_most(0), 'mean_m'
           'kidnapped': {'again': at_least(1.0), 'wrong_s': at_most(1.0)},
           'changed': {'right': at_least(0.9), 'wrong_count': at_most(0)},
           'wings': {'wrong_count': at_most(0), 'ambiguous': at_least(0.8)},
+          'localiser': {'wrong_count': at_most(0), 'claimed_count': at_most(0)}, 'vote': {},
           'outside': {'claimed_count': at_most(0), 'said_outside': at_least(0.8)}}
 
 
@@ -146,6 +150,11 @@ class Maps:
         return IntelHalves(Intel.below(self.data))
 
     @cached_property
+    def aces(self) -> list:
+        """The scans of another building."""
+        return list(open_recording(data_folder(self.data) / 'aces' / 'aces.log.gz').scans())
+
+    @cached_property
     def floors(self) -> dict:
         """Field of view -> seed -> `Mapped`."""
         return {degrees: {seed: floor_map(seed, lidar) for seed in self.seeds} for degrees, lidar in LIDARS.items()}
@@ -161,6 +170,28 @@ class Maps:
 def of_intel(maps) -> dict:
     """Starts in one half of the Intel log, in the map of the other."""
     return {'intel': summary(maps.halves.inside(maps.count))}
+
+
+def of_vote(maps) -> dict:
+    """The localiser beside a plain vote: starts in one half of the Intel log, in the map of the other, and in ACES."""
+    halves, found = maps.halves, {}
+    inside = [(number, part) for number in range(2) for part in halves.starts(number, SEARCH, maps.count // 2, True)]
+    firsts = np.random.default_rng(0).integers(0, len(maps.aces) - 100, maps.count)
+    for name, answers in (('localiser', [partial(first_answer, known.localizer) for known in halves.maps]),
+                          ('vote', [Vote(known.known).answer for known in halves.maps])):
+        begin, offs = process_time(), []
+        for number, part in inside:
+            last, pose = answers[number](halves.scans[part])
+            truth = halves.maps[number].true_poses(halves.truth[part][last:last + 1])
+            if pose is not None:
+                offs.append(relative(truth, pose[None])[0])
+        milliseconds = 1e3 * (process_time() - begin) / len(inside)
+        right = sum(math.hypot(x, y) <= RIGHT[0] and abs(wrap(theta)) <= RIGHT[1] for x, y, theta in offs)
+        found[name] = {'starts_count': len(inside), 'answered': len(offs) / len(inside),
+                       'wrong_count': len(offs) - right, 'ms_start': milliseconds,
+                       'claimed_count': sum(answers[k % 2](maps.aces[first:first + 60])[1] is not None
+                                            for k, first in enumerate(firsts))}
+    return found
 
 
 def of_grids(maps) -> dict:
@@ -206,9 +237,8 @@ def of_carried(maps) -> dict:
 
 def of_outside(maps) -> dict:
     """Starts that are not in the map."""
-    aces = list(open_recording(data_folder(maps.data) / 'aces' / 'aces.log.gz').scans())
     found = {'removed from intel': outside_summary(maps.halves.removed(maps.count)),
-             'aces in intel': outside_summary(maps.halves.other_building(aces, maps.count))}
+             'aces in intel': outside_summary(maps.halves.other_building(maps.aces, maps.count))}
     for degrees, floors in maps.floors.items():
         drives = [(known, floor_drive(seed + 100, LIDARS[degrees], number, OUTSIDE))
                   for seed, known in floors.items() for number in range(maps.each)]
@@ -217,8 +247,8 @@ def of_outside(maps) -> dict:
     return found
 
 
-PARTS = {'intel': of_intel, 'grids': of_grids, 'floors': of_floors, 'wings': of_wings, 'carried': of_carried,
-         'outside': of_outside}
+PARTS = {'intel': of_intel, 'vote': of_vote, 'grids': of_grids, 'floors': of_floors, 'wings': of_wings,
+         'carried': of_carried, 'outside': of_outside}
 """Name of a table -> what measures it."""
 
 

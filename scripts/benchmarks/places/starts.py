@@ -161,6 +161,17 @@ def followed(localizer, scans, truth, metres) -> Outcome:
                    1e3 * max(times))
 
 
+def first_answer(localizer, scans):
+    """Return the number of the scan at which a start is localised, and its pose (3,) in the map; None for never."""
+    odometry = Odometry(PARAMETERS)
+    localizer.reset()
+    for number, scan in enumerate(scans):
+        found = localizer.process(odometry.process(scan))
+        if found.state is State.LOCALISED:
+            return number, found.pose.as_array()
+    return number, None
+
+
 def floor_map(seed, lidar, alike=False) -> Mapped:
     """Return the map of one drive along the tour of a floor; `alike` is that of `floor`."""
     world = floor(seed, alike=alike)
