@@ -211,3 +211,7 @@ def test_messages_of_a_whole_drive_hold_its_scans(scans):
         assert isinstance(message.ranges, array.array)
         assert not ScanChecks().look(ScanFields.from_message(message))
         assert Scan.from_message(message).ranges.tobytes() == scan.ranges.tobytes()
+
+
+def test_a_planar_pose_in_numbers_is_on_the_floor_and_rotated_about_z():
+    assert transform_numbers(SE2(1.0, 2.0, 0.5)) == pytest.approx((1, 2, 0, 0, 0, math.sin(0.25), math.cos(0.25)))
