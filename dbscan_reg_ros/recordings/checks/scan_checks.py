@@ -138,8 +138,8 @@ class ScanChecks:
 
     def _stamp(self, stamp, now):
         if stamp == 0:
-            return ScanWarning(Kind.STAMP_ZERO, 'the scans have no stamp (header.stamp is 0): there is no twist, and '
-                               'the transform is of little use; the driver has to set it')
+            return ScanWarning(Kind.STAMP_ZERO, 'the scans have no stamp (header.stamp is 0): no motion can be '
+                               'estimated; the driver has to set it, in Python stamp=round(seconds * 1e9) of the Scan')
         last = self._stamps[-1] if self._stamps else stamp - 1
         if last - stamp > RESTART * SECOND:
             self.restart()
