@@ -18,7 +18,7 @@ LIDAR = (
     ('--range-max', float, 'M', 'largest range of a return'),
     ('--rate', float, 'HZ', 'scans per second'),
     ('--duration', float, 'S', 'time of one scan, from its first to its last beam (not of the drive); 0: all beams at '
-     'once'),
+     'once (default: that of the model, shorter if --rate is higher than its rate)'),
     ('--noise', float, 'M', 'smallest standard deviation of a range'),
     ('--noise-share', float, 'FRACTION', 'standard deviation of a range as a fraction of the range, used if '
                     'larger than --noise'),
@@ -166,7 +166,10 @@ def chosen_lidar(options):
         changes['mounting'] = SE2(x, y, math.radians(turn))
     changes['body'] = tuple((math.radians(first), math.radians(last), own)
                             for first, last, own in options.get('body', ()))
-    lidar = dataclasses.replace(simulation.PRESETS[options.get('lidar', 'sick_lms200')], **changes)
+    model = simulation.PRESETS[options.get('lidar', 'sick_lms200')]
+    # A lidar with more scans per second turns faster.
+    faster = max(1.0, changes.get('rate', model.rate) / model.rate)
+    lidar = dataclasses.replace(model, **{'duration': model.duration / faster, **changes})
     if lidar.range_min >= lidar.range_max:
         raise CommandError(f'--range-min {lidar.range_min:g}: expected less than the greatest range, '
                            f'{lidar.range_max:g} m (--range-max)')

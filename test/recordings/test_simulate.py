@@ -169,6 +169,14 @@ def test_a_drive_ends_after_the_given_time(simulated, seconds, laps):
         assert seconds - 0.3 < ended <= seconds
 
 
+@pytest.mark.parametrize(('words', 'duration'), [
+    (('--rate', 20), 0.199 / 4), (('--rate', 2), 0.199), (('--rate', 20, '--duration', 0.03), 0.03),
+])
+def test_a_lidar_with_more_scans_per_second_turns_faster(simulated, words, duration):
+    scan = next(open_recording(simulated('bag', '--seconds', 2, '--lidar', 'lds', *words)).scans())
+    assert scan.time_increment * 359 == pytest.approx(duration, rel=1e-6)
+
+
 @pytest.mark.parametrize(('words', 'says'), [
     (['--seconds', '0.5'], '--seconds 0.5: expected 1 to 86400'),
     (['--seconds', '2', '--phase', '3'], 'the drive of 2.0 s ends before the first scan'),
