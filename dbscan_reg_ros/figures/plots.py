@@ -2,16 +2,18 @@
 """Pictures of maps and comparisons, legible without colour; maps have the same scale on both axes."""
 import os
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import contextmanager
+from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.errors import DbscanRegError
+from ..core.errors import ArgumentError, DbscanRegError
 from ..core.geometry.se2 import SE2, as_complex
+from ..core.odometry.records import OdometryUpdate
 from ..core.scan import Scan
 from ..recordings.files import replacing
 
@@ -85,7 +87,10 @@ class MapPoints:
 def density_map(scans, poses) -> DensityMap:
     """Return the density of the returns of `scans`, an iterable with one scan for each of the `poses` ``(N, 3)``."""
     points = MapPoints(len(poses))
-    for scan, _ in zip(scans, poses, strict=True):
+    for scan, pose in zip_longest(scans, poses):
+        if scan is None or pose is None:
+            count = 'fewer' if scan is None else 'more'
+            raise ArgumentError(f'{len(poses)} poses, but {count} scans; expected one scan for each pose')
         points.add(scan)
     return points.density(poses)
 
@@ -143,7 +148,8 @@ def _any_script():
         yield
 
 
-def plot_map(path: str | os.PathLike[str], scans: Iterable[Scan], poses: ArrayLike | Sequence[SE2], title: str = '',
+def plot_map(path: str | os.PathLike[str], scans: Iterable[Scan],
+             poses: Iterable[ArrayLike | SE2 | OdometryUpdate], title: str = '',
              truth: ArrayLike | None = None) -> None:
     """Draw the density of the returns of scans at their poses, and the trajectory over it.
 
@@ -154,11 +160,17 @@ def plot_map(path: str | os.PathLike[str], scans: Iterable[Scan], poses: ArrayLi
     scans : iterable of Scan
         One scan for each pose; read one at a time.
     poses : (N, 3)
-        Poses of the sensor: x, y [m], theta [rad].
+        Poses of the sensor: x, y [m], theta [rad]; or updates of the odometry, which have them.
     truth : (M, 3), optional
         The true trajectory in the same frame; NaN interrupts its line.
+
+    Raises
+    ------
+    ArgumentError
+        When there is not one scan for each pose.
     """
-    draw_map(path, density_map(scans, np.asarray(poses)), poses, title, truth)
+    rows = np.asarray([each.pose if isinstance(each, OdometryUpdate) else each for each in poses], dtype=float)
+    draw_map(path, density_map(scans, rows), rows, title, truth)
 
 
 def draw_map(path, density, poses, title='', truth=None):

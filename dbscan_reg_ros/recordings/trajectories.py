@@ -12,14 +12,13 @@ from numpy.typing import ArrayLike
 from ..core.beams import check_stamp
 from ..core.errors import ArgumentError, RecordingError
 from ..core.geometry.mounting import MAX_TILT
-from ..core.geometry.se2 import DOF
+from ..core.geometry.se2 import DOF, SE2
 from ..paths import check_file
 from .decimals import nanoseconds, seconds, to_float
 from .files import UNREADABLE, reason_of, replacing
 from .poses import FARTHEST, PoseError, planar, possible
 
 if TYPE_CHECKING:
-    from ..core.geometry.se2 import SE2
     from ..core.odometry.records import OdometryUpdate
 
 TUM = 'timestamp x y z qx qy qz qw'
@@ -29,7 +28,7 @@ LEAST_TILT, FLATTER = math.radians(1.0), 10.0
 
 
 def write_tum(path: str | os.PathLike[str], stamps: 'Iterable[int] | Iterable[OdometryUpdate]',
-              poses: 'ArrayLike | Sequence[SE2] | None' = None) -> None:
+              poses: ArrayLike | Sequence[SE2] | None = None) -> None:
     """Write a trajectory in TUM format; the file appears complete or not at all.
 
     Parameters
@@ -46,13 +45,15 @@ def write_tum(path: str | os.PathLike[str], stamps: 'Iterable[int] | Iterable[Od
     ScanError
         When a stamp is no whole number.
     ArgumentError
-        When there is not one pose of three numbers for each stamp.
+        When there is not one pose of three numbers for each stamp, or the stamps are missing.
     """
     given: list[Any] = list(stamps)
-    if poses is None and not all(hasattr(each, 'pose') for each in given):
-        raise ArgumentError('stamps without poses; expected write_tum(path, stamps, poses), or updates of an Odometry')
-    if poses is None:
+    if poses is None and all(hasattr(each, 'pose') for each in given):
         given, poses = [each.stamp for each in given], [each.pose for each in given]
+    in_place_of_stamps = any(isinstance(each, SE2 | Sequence | np.ndarray) for each in given)
+    if poses is None or in_place_of_stamps:
+        found = 'poses in place of the stamps' if in_place_of_stamps else 'stamps without poses'
+        raise ArgumentError(f'{found}; expected write_tum(path, stamps, poses), or updates of an Odometry')
     rows = np.asarray(poses, dtype=float)
     if rows.shape != (len(given), DOF) and rows.size + len(given):
         raise ArgumentError(f'poses of shape {rows.shape} for {len(given)} stamps; expected x, y [m] and theta [rad] '

@@ -24,6 +24,6 @@ for points, stamp in clouds:
     scans.append(scan)
 
 write_tum('trajectory.tum', updates)
-plot_map('map.pdf', scans, [update.pose for update in updates])
+plot_map('map.pdf', scans, updates)
 x, y, theta = updates[-1].pose
 print(f'{len(updates)} poses, the last one x {x:.2f} m, y {y:.2f} m, theta {theta:.2f} rad')

@@ -34,6 +34,7 @@ from dbscan_reg_ros import (
 from dbscan_reg_ros.command_lines import version
 from dbscan_reg_ros.core.paper.pipeline import register as register_by_paper
 from dbscan_reg_ros.core.sensor import Sensor
+from dbscan_reg_ros.figures.plots import plot_map
 from dbscan_reg_ros.recordings import read_tum
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
@@ -205,6 +206,10 @@ def test_points_that_are_no_scan_are_named(points):
     (lambda _: Sensor('rear', (0.0, 0.0, 3.14)), ArgumentError, 'pose is of type tuple; expected SE2'),
     (lambda _: Localizer('map.npz'), ArgumentError, r'known is of type str; expected Map\.load\(FILE\)'),
     (lambda _: write_tum('a.tum', [1, 2]), ArgumentError, 'stamps without poses'),
+    (lambda _: write_tum('a.tum', [SE2(), SE2()]), ArgumentError, 'poses in place of the stamps'),
+    (lambda _: write_tum('a.tum', np.zeros((2, 3)), [1, 2]), ArgumentError, 'poses in place of the stamps'),
+    (lambda scan: plot_map('a.png', [scan] * 2, np.zeros((3, 3))), ArgumentError, '3 poses, but fewer scans'),
+    (lambda scan: plot_map('a.png', [scan] * 2, np.zeros((1, 3))), ArgumentError, '1 poses, but more scans'),
     (lambda _: write_tum('a.tum', [1, 2], np.zeros((3, 3))), ArgumentError, r'shape \(3, 3\) for 2 stamps'),
     (lambda _: write_tum('a.tum', [1, 2], np.zeros((3, 2))), ArgumentError, r'shape \(3, 2\) for 2 stamps'),
     (lambda _: write_tum('a.tum', [1.5], np.zeros((1, 3))), ScanError, 'expected whole nanoseconds'),
