@@ -4,8 +4,12 @@ import sys
 
 from dbscan_reg_ros import Localizer, Map, Odometry, open_recording
 
-odometry, localizer, state = Odometry(), Localizer(Map.load(sys.argv[1])), None
-for scan in open_recording(sys.argv[2]).scans():
+try:
+    file, recording = sys.argv[1:]
+except ValueError:
+    sys.exit(__doc__)
+odometry, localizer, state = Odometry(), Localizer(Map.load(file)), None
+for scan in open_recording(recording).scans():
     found = localizer.process(odometry.process(scan))
     if found.state is not state:
         state = found.state
