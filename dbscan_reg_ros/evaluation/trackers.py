@@ -179,7 +179,7 @@ def _own_tracker(name):
         own = getattr(import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
         raise BenchmarkError(f'method {name}: {error}; expected MODULE:FUNCTION, in the current folder or '
-                             'installed') from error
+                             'installed, MODULE without .py') from error
     if inspect.isclass(own):
         return own()
 

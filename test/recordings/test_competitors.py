@@ -151,7 +151,7 @@ def test_a_recording_without_a_trajectory_is_not_judged_and_the_others_are(write
     (('x=absent.tum@1,2',), 'absent.tum@1,2: expected FILE@X,Y,DEG with the pose of the sensor [m, m, deg]'),
     (('=a.tum',), '=a.tum: expected NAME=FILE.tum, NAME=FILE.tum@X,Y,DEG or NAME=FOLDER'),
     (('absent:align',), "method absent:align: No module named 'absent'; expected MODULE:FUNCTION, in the current "
-                        'folder or installed'),
+                        'folder or installed, MODULE without .py'),
 ])
 def test_a_wrong_competitor_is_one_line(hall_recording, capsys, words, says):
     assert main(['identity', *words, str(hall_recording)]) == 2
