@@ -6,6 +6,7 @@ import signal
 import sys
 from collections.abc import Sequence
 
+from ..command_lines import command_line
 from ..endings import interruptible
 from ..node.lifecycle.ros_arguments import split_arguments
 from .command_line import (
@@ -91,9 +92,8 @@ def report(recording, answers, problems, several):
     for line in [*recording.notes, *problems, *shortened(recording.problems), *recording.watch.lines()]:
         print(line, file=sys.stderr)
     if answers.stamps and not any(answers.messages):
-        print("no scan was answered; a recording without transforms needs a node with mounting 'none' (-p "
-              "mounting:=none)",
-              file=sys.stderr)
+        print(f"no scan was answered; does the node run ({command_line('scan_matcher')})? A recording without "
+              "transforms needs a node with mounting 'none' (-p mounting:=none)", file=sys.stderr)
     if answers.passed:
         print('messages', *(f'{topic} {count}' for topic, count in answers.passed.items()))
     topic = f'{recording.topic}: ' if several else ''

@@ -209,4 +209,4 @@ def test_playing_to_a_node_that_waits_for_transforms_says_what_to_do(start_comma
     start_command('scan_matcher')
     process = start_command('play', recording, '--rate', '10000')
     assert process.wait(TIMEOUT) == 0
-    assert "a recording without transforms needs a node with mounting 'none'" in process.output()
+    assert "A recording without transforms needs a node with mounting 'none'" in process.output()
