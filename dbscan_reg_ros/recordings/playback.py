@@ -152,16 +152,32 @@ class Schedule:
 
 
 class Timeline:
-    """Times at which messages are due: scans at their stamps, others as long after the last scan as recorded."""
+    """Times from the start of a playback at which messages are due.
+
+    Scans are due by their stamps; other messages as long after the last scan, or the first message, as recorded.
+
+    Attributes
+    ----------
+    start : int or None
+        Stamp [ns] that a scan would have at the start; None before the first scan.
+    """
 
     def __init__(self):
+        self.start = None
         self._schedule = Schedule()
-        self._due = self._recorded = None
+        self._due, self._recorded = 0, None
 
-    def due(self, played):
-        """Return the time [ns] at which the next `Played` is due; None (at once) before the first scan."""
+    def due(self, played) -> int:
+        """Return the time [ns] from the start at which the next `Played` is due."""
         if played.channel is None:
-            self._due, self._recorded = self._schedule.time(played.content.stamp), played.time
-        elif self._recorded is not None:
-            return self._due + max(0, played.time - self._recorded)
-        return self._due
+            stamp = self._schedule.time(played.content.stamp)
+            if self.start is None:
+                self.start = stamp - self._after_last(played)
+            self._due, self._recorded = stamp - self.start, played.time
+        elif self._recorded is None and not played.channel.latched:
+            self._recorded = played.time
+        return self._after_last(played)
+
+    def _after_last(self, played):
+        """Return when a message is due that was recorded at its time; latched ones may be much older than the rest."""
+        return self._due if self._recorded is None else self._due + max(0, played.time - self._recorded)

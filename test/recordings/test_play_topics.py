@@ -214,8 +214,9 @@ def test_the_channels_that_are_played_are_those_of_the_node_and_those_asked_for(
 def test_messages_are_due_as_long_after_a_scan_as_they_were_recorded(scans):
     channel, timeline = Channel('/imu', 'a'), Timeline()
     first, second = scans[:2]
-    assert timeline.due(Played(b'', 100, channel)) is None
-    assert timeline.due(Played(first, 1000)) == first.stamp
-    assert timeline.due(Played(b'', 1300, channel)) == first.stamp + 300
-    assert timeline.due(Played(b'', 900, channel)) == first.stamp
-    assert timeline.due(Played(second, 5000)) == second.stamp
+    assert timeline.due(Played(b'', 1, Channel('/tf_static', 'b', latched=True))) == 0
+    assert [timeline.due(Played(b'', time, channel)) for time in (100, 400)] == [0, 300] and timeline.start is None
+    assert timeline.due(Played(first, 1000)) == 900 and timeline.start == first.stamp - 900
+    assert timeline.due(Played(b'', 1300, channel)) == 1200
+    assert timeline.due(Played(b'', 900, channel)) == 900
+    assert timeline.due(Played(second, 5000)) == second.stamp - timeline.start

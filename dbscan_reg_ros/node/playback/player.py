@@ -83,6 +83,7 @@ class Player:
 
     def _begin(self) -> None:
         self.answers = Answers()
+        self._timeline = Timeline()
         self._waiting: deque[int] = deque(maxlen=DEPTH)
         self._published: list[float] = []
         self._last_answer = time.monotonic()
@@ -192,17 +193,17 @@ class Player:
             When odometry is missing and no node subscribes to the scans any more.
         """
         self._begin()
-        timeline, pace = Timeline(), rate and Pace(rate)
+        timeline, pace = self._timeline, rate and Pace(rate)
         silence, silent_from = Pace(1.0), 0
         for item in items:
             played = item if isinstance(item, Played) else Played(item)
             due = timeline.due(played)
-            if pace and due is not None:
+            if pace:
                 self._wait_until(pace, due)
             elif not played.channel:
                 self._wait_for_answers(window - 1, patience)
-                silence, silent_from = Pace(1.0), (due or 0) + SILENCE
-            elif due is not None and due > silent_from and played.channel.kind == LASER_SCAN:
+                silence, silent_from = Pace(1.0), due + SILENCE
+            elif due > silent_from and played.channel.kind == LASER_SCAN:
                 self._wait_until(silence, due)
             self._publish(played, due)
         if not pace or any(self.answers.messages):
@@ -215,13 +216,12 @@ class Player:
         for publisher in (self._scans, *(publisher for _, publisher in self._channels.values())):
             publisher.wait_for_all_acked(Duration(seconds=patience))
 
-    def _publish(self, played: Played, due: int | None) -> None:
-        """Publish a scan or another message, recorded at the time `due` [ns]."""
+    def _publish(self, played: Played, due: int) -> None:
+        """Publish a scan or another message, due at this time [ns] of the timeline."""
         if played.channel:
             self._publish_message(played)
         else:
-            if due is not None:
-                self._tick(due)
+            self._tick(due)
             self._publish_scan(played.content)
 
     def _publish_message(self, played: Played) -> None:
@@ -264,16 +264,16 @@ class Player:
                 self._executor.spin_once(remaining)
 
     def _wait_until(self, pace: Pace, due: int) -> None:
-        """Publish /clock until the time of the recording reaches `due` [ns]."""
+        """Publish /clock until the time of the timeline reaches `due` [ns]."""
         while (remaining := pace.remaining(due)) > 0.0:
             self._executor.spin_once(min(remaining, CLOCK_PERIOD) if self._clock else remaining)
             if self._clock:
                 self._tick(due - max(0, int(pace.remaining(due) * pace.rate * 1e9)))
 
     def _tick(self, now: int) -> None:
-        """Publish the time `now` [ns] on /clock if the player publishes the clock; /clock never goes back."""
-        if self._clock:
-            self._now = max(self._now, now)
+        """Publish the time `now` [ns] of the timeline on /clock if it is asked for and known; it never goes back."""
+        if self._clock and self._timeline.start is not None:
+            self._now = max(self._now, self._timeline.start + now)
             self._clock.publish(Clock(clock=stamp_to_message(self._now)))
 
     def _on_odometry(self, message: Odometry) -> None:
