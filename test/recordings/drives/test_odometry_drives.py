@@ -15,7 +15,7 @@ from dbscan_reg_ros.core.geometry.se2 import as_vectors
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.sensor import FIRST, Sensor
 from dbscan_reg_ros.recordings import open_recording
-from dbscan_reg_ros.replays.odometry import replay_odometry
+from dbscan_reg_ros.replays.odometry import RecordedMotion, replay_odometry
 from dbscan_reg_ros.replays.summary import describe_contradictions
 from dbscan_reg_ros.replays.trajectory import Trajectory
 from dbscan_reg_ros.robot.parameters import NodeParameters
@@ -123,7 +123,8 @@ def test_twists_are_right_where_scans_of_two_lidars_are_dropped_at_random():
 def test_wheels_that_lost_ticks_do_not_win_against_the_scans(cases):
     """A car whose computer stalls for 0.43 s: by the wheels it drove 0.3 m, by the scans and before and after 1.3 m."""
     recording = open_recording(cases / 'wheels_lost' / 'ual_wheels_gap.bag')
-    odometry = replay_odometry(NodeParameters(), [], recording.topic, Mounting(), recording.wheel_odometry())
+    odometry = replay_odometry(NodeParameters(), [], recording.topic, Mounting(),
+                               RecordedMotion(recording.wheel_odometry()))
     trajectory = Trajectory()
     updates = list(trajectory.follow(recording.scans(), odometry))
     assert trajectory.statuses.count(Status.OK) >= 104

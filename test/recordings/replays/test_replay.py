@@ -155,7 +155,7 @@ def values(vector, names='xyz'):
 
 def test_what_only_the_node_goes_by_is_named(data, tmp_path, capsys):
     file = tmp_path / 'a.yaml'
-    for settings, names in (('input.every_nth: 2, prior.source: imu, scan.range_max: 5.0',
+    for settings, names in (('input.every_nth: 2, prior.source: tf, scan.range_max: 5.0',
                              'prior.source, input.every_nth'),
                             ('prior.source: none, mounting: none, base_frame: base, advanced.prior.weight: 0.1', '')):
         file.write_text(f'/**: {{ros__parameters: {{{settings}}}}}')
