@@ -16,7 +16,7 @@ from ..core.geometry.se2 import SE2
 from ..core.registration.records import Prior
 from ..core.scan import in_nanoseconds
 from ..recordings.playback import NOT_MEASURED
-from ..robot.base_state import measured_prior, sensor_prior
+from ..robot.base_state import base_motion, external_prior, measured_prior, sensor_prior
 from ..robot.parameter_groups import NodePriorParameters
 from ..robot.parameters import NodeParameters
 from ..robot.pose_history import HeadingHistory, PoseHistory
@@ -154,10 +154,10 @@ class _Interval:
     start_mounting: Mounting
     end_mounting: Mounting
 
-    def base_motion(self, prior: Prior) -> Prior:
-        """Convert a motion of the sensor to the motion of the base; the covariance is not converted."""
-        motion = self.start_mounting.aligned_pose @ prior.transform @ self.end_mounting.aligned_pose.inverse()
-        return Prior(motion, prior.covariance, prior.velocity_change)
+    def predicted(self, predict: Predict) -> Prior | None:
+        """Return the prediction of the motion model, as a motion of the base."""
+        prior = predict(self.end)
+        return prior and base_motion(prior, self.start_mounting, self.end_mounting)
 
 
 class _Source(Protocol):
@@ -244,15 +244,11 @@ class _Gyroscope:
         return self._headings.reaches(stamp)
 
     def prior(self, interval: _Interval, predict: Predict, parameters: NodePriorParameters) -> Prior | None:
-        predicted = predict(interval.end)
-        return predicted and self.turned(interval.base_motion(predicted), interval, parameters)
+        return external_prior(None, self.rotation(interval), lambda: interval.predicted(predict), parameters)
 
-    def turned(self, base: Prior, interval: _Interval, parameters: NodePriorParameters) -> Prior | None:
-        """Return a prior of the base with the measured rotation; None if it is not known."""
-        rotation = self._headings.motion(interval.start, interval.end)
-        if rotation is None:
-            return None
-        return base.with_rotation(rotation.theta, parameters.wheel_sigma(rotation)[2])
+    def rotation(self, interval: _Interval) -> SE2 | None:
+        """Return the measured rotation; None if it is not known."""
+        return self._headings.motion(interval.start, interval.end)
 
 
 class _WheelsAndGyroscope:
@@ -271,10 +267,10 @@ class _WheelsAndGyroscope:
 
     def prior(self, interval: _Interval, predict: Predict, parameters: NodePriorParameters) -> Prior | None:
         driven = self._wheels.prior(interval, predict, parameters)
-        turned = self._gyroscope.turned(driven, interval, parameters) if driven else None
-        found = turned or driven or self._gyroscope.prior(interval, predict, parameters)
+        rotation = self._gyroscope.rotation(interval)
+        found = external_prior(driven, rotation, lambda: interval.predicted(predict), parameters)
         self.name = self._gyroscope.name if driven else self._wheels.name
-        self.incomplete = found is not None and turned is None
+        self.incomplete = found is not None and (driven is None or rotation is None)
         return found
 
 

@@ -10,11 +10,11 @@ from ..core.errors import ScanError
 from ..core.geometry.se2 import SE2
 from ..core.odometry.calibration.odd_one import UNFIT, named
 from ..core.odometry.pipeline import Odometry
-from ..core.registration.records import Prior, Status
+from ..core.registration.records import Status
 from ..core.sensor import FIRST, Sensor
 from ..recordings.checks.scan_warnings import Kind
 from ..recordings.recording import StampedPoses
-from ..robot.base_state import measured_prior, sensor_prior
+from ..robot.base_state import base_motion, external_prior, measured_prior, sensor_prior
 from ..robot.own_body import OwnBody, advice, described
 from ..robot.pose_history import HeadingHistory, PoseHistory
 from ..robot.scan_buffer import RecordedScans
@@ -281,17 +281,13 @@ class RecordedPriors:
         if self.last is None:
             return None
         driven, rotation = (each.motion(self.last, stamp) for each in (self._poses, self._headings))
-        base = measured_prior(driven, self._parameters) if driven else None
-        if rotation is not None:
-            base = base or self._of_base(predict(stamp))
-            base = base and base.with_rotation(rotation.theta, self._parameters.wheel_sigma(rotation)[2])
+        base = external_prior(measured_prior(driven, self._parameters) if driven else None, rotation,
+                              lambda: self._predicted(predict(stamp)), self._parameters)
         return base and sensor_prior(base, self._mounting, self._mounting)
 
-    def _of_base(self, predicted):
-        """Return the motion of the base that follows from a predicted one of the lidar."""
-        at = self._mounting.aligned_pose
-        return predicted and Prior(at @ predicted.transform @ at.inverse(), predicted.covariance,
-                                   predicted.velocity_change)
+    def _predicted(self, prior):
+        """Return the prediction of the motion model, as a motion of the base."""
+        return prior and base_motion(prior, self._mounting, self._mounting)
 
 
 def _read(ahead, history, add, stamp):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """State of the robot's base, computed from the pose and twist of the lidar mounted on it."""
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -108,6 +109,32 @@ def predicted_state(state: BaseState, stamp: int, parameters: Parameters) -> Bas
 def measured_prior(motion: SE2, parameters: NodePriorParameters) -> Prior:
     """Return the prior of a `motion` of the base that wheels have measured."""
     return Prior(motion, np.diag(parameters.wheel_sigma(motion)) ** 2)
+
+
+def external_prior(driven: Prior | None, rotation: SE2 | None, predict: Callable[[], Prior | None],
+                   parameters: NodePriorParameters) -> Prior | None:
+    """Return the prior of the motion of the base from what was measured; None if nothing was.
+
+    Parameters
+    ----------
+    driven : Prior or None
+        Motion of the base by the wheels.
+    rotation : SE2 or None
+        Rotation by the gyroscope, which is used in place of that of the wheels.
+    predict : callable
+        Function that returns the prediction of the motion model for the base: its translation is used without wheels.
+    parameters : NodePriorParameters
+    """
+    if rotation is None:
+        return driven
+    base = driven or predict()
+    return base and base.with_rotation(rotation.theta, parameters.wheel_sigma(rotation)[2])
+
+
+def base_motion(prior: Prior, before: Mounting, after: Mounting) -> Prior:
+    """Return the motion of the base that follows from a `prior` of a sensor; the covariance is not converted."""
+    return Prior(before.aligned_pose @ prior.transform @ after.aligned_pose.inverse(), prior.covariance,
+                 prior.velocity_change)
 
 
 def sensor_prior(base: Prior, before: Mounting, after: Mounting) -> Prior:
