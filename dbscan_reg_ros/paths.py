@@ -44,6 +44,14 @@ def check_writable(path, error_type):
         raise error_type(f'{path}: cannot be written, {nearest}: {error.strerror}; choose another place') from error
 
 
+def expanded(parameter, name, error_type) -> Path:
+    """Return the path of a `parameter`, a leading ~ as the home directory; raise `error_type` if there is none."""
+    try:
+        return Path(name).expanduser()
+    except RuntimeError:
+        raise error_type(f'{parameter} = {name!r}: no such user') from None
+
+
 def config_folder() -> Path:
     """Return the folder of ready-made parameter files: that of the source tree if it exists, else the installed one."""
     package = Path(__file__).absolute().parent

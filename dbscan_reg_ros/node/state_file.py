@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pose of the base in a file, so that it is kept over a restart of the node."""
 import json
-import os
 import time
-from pathlib import Path
 
 import numpy as np
 from rclpy.node import Node
 
+from ..core.errors import ParameterError
 from ..core.geometry.se2 import DOF, SE2
+from ..core.geometry.symmetric_matrix import as_covariance
 from ..core.odometry.models.covariance import motion_without_scans
 from ..core.odometry.models.stamps import ScanInterval
+from ..paths import expanded
 from ..recordings.files import replacing
 from ..robot.base_state import BaseState, InitialPose
 from ..robot.parameters import NodeParameters
@@ -35,7 +36,7 @@ class StateFile:
 
     def __init__(self, node: Node, parameters: NodeParameters) -> None:
         self._logger = node.get_logger()
-        self._path = Path(os.path.expanduser(parameters.state_file)) if parameters.state_file else None
+        self._path = expanded('state_file', parameters.state_file, ParameterError) if parameters.state_file else None
         self._frames = {'odom_frame': parameters.odom_frame, 'base_frame': parameters.base_frame}
         self._parameters = parameters.for_odometry()
         self._next, self._written, self._failed = 0.0, -1, False
@@ -46,10 +47,8 @@ class StateFile:
             return None
         try:
             found = json.loads(self._path.read_text(encoding='utf-8'))
-            pose, covariance = SE2.from_array(found['pose']), np.array(found['covariance'], dtype=float)
+            pose, covariance = SE2.from_array(found['pose']), as_covariance(found['covariance'])
             frames, missed = {name: found[name] for name in self._frames}, time.time() - float(found['time'])
-            if covariance.shape != (DOF, DOF) or not np.isfinite(covariance).all():
-                raise ValueError('covariance')
         except OSError as error:
             self._logger.warning(f'state_file {self._path}: cannot be read: {error.strerror}')
             return None

@@ -38,6 +38,13 @@ def transform_type() -> Any:
     return TFMessage
 
 
+def prepared_transform(parent: str, child: str) -> Any:
+    """Return the `PreparedMessage` of a transform from the frame `parent` to `child`; None without tf2_msgs."""
+    kind, transform = transform_type(), TransformStamped(child_frame_id=child)
+    transform.header.frame_id = parent
+    return kind and PreparedMessage(kind(transforms=[transform]), NUMBERS, COUNT)
+
+
 @dataclass
 class _Conflict:
     """Another sender of a transform to our child frame: its topic, its parent frame, and the nodes that it may be."""
@@ -81,9 +88,7 @@ class TransformSender:
         if self._invert:
             self._parent, self._child = self._child, self._parent
         self._type = transform_type()
-        transform = TransformStamped(child_frame_id=self._child)
-        transform.header.frame_id = self._parent
-        self._message = self._type and PreparedMessage(self._type(transforms=[transform]), NUMBERS, COUNT)
+        self._message = prepared_transform(self._parent, self._child)
         self.publisher: Publisher | None = None
         self.active = False
         self._own_gid: bytes | None = None

@@ -3,14 +3,15 @@
 import time
 from collections import deque
 from collections.abc import Callable
-from pathlib import Path
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
+from ...core.errors import ParameterError
 from ...core.odometry.records import OdometryUpdate
 from ...core.registration.records import Prior
+from ...paths import expanded
 from ...recordings.snapshots import Snapshot, SnapshotUpdate, write_snapshot
 from ...robot.base_state import InitialPose
 from ...robot.parameters import NodeParameters
@@ -78,10 +79,9 @@ class Services:
         parameters = {name: list(value) if isinstance(value, tuple) else value
                       for name, value in self.parameters.flatten().items()}
         try:
-            folder = Path(self.parameters.snapshot.folder).expanduser()
-        except RuntimeError:
-            response.success = False
-            response.message = f'advanced.snapshot.folder = {self.parameters.snapshot.folder!r}: no such user'
+            folder = expanded('advanced.snapshot.folder', self.parameters.snapshot.folder, ParameterError)
+        except ParameterError as error:
+            response.success, response.message = False, str(error)
             return response
         when = time.strftime('%Y%m%d_%H%M%S')
         path = (folder / f'{self._node.get_name()}_{when}_{self._updates[-1].stamp}.npz').absolute()

@@ -4,7 +4,6 @@ import dataclasses
 import time
 from collections import deque
 from concurrent.futures import Future
-from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
@@ -20,6 +19,7 @@ from ...core.geometry.se2 import SE2, turned
 from ...core.odometry.records import OdometryUpdate
 from ...core.registration.records import sigma_text
 from ...core.scan import SECOND, in_nanoseconds
+from ...paths import expanded
 from ...places.grid import Grid
 from ...places.localizer import State
 from ...places.map import MapError
@@ -27,10 +27,10 @@ from ...places.map_files import load_grid
 from ...recordings.message_fields import transform_numbers
 from ...robot.base_state import BaseState
 from ...robot.parameters import NodeParameters
-from ..frames.transform_sender import COUNT, NUMBERS, WAIT, TransformSender, transform_type
+from ..frames.transform_sender import WAIT, TransformSender, prepared_transform
 from ..frames.transforms import TransformListener
 from ..interfaces.endpoints import publisher, subscription
-from ..interfaces.messages import PoseError, PreparedMessage, initial_pose
+from ..interfaces.messages import PoseError, initial_pose
 from ..interfaces.outputs import LATCHED
 from ..throttled_log import ThrottledLog
 from .messages import graph_to_message, grid_from_message, grid_to_message, pose_with_covariance
@@ -77,11 +77,7 @@ class RobotInMap:
         known = None if self._builds or not parameters.map.file else _load(parameters)
         self._tracking = Tracking(parameters.for_odometry(), self._builds)
         node.context.on_shutdown(self._tracking.close)
-        frame = parameters.map.frame
-        transform = TransformStamped(child_frame_id=parameters.odom_frame)
-        transform.header.frame_id = frame
-        kind = transform_type()
-        self._message = kind and PreparedMessage(kind(transforms=[transform]), NUMBERS, COUNT)
+        self._message = prepared_transform(parameters.map.frame, parameters.odom_frame)
         self._sent: deque[int] = deque(maxlen=SENT)
         self._other, self._other_heard = '', -WAIT
         self._pose = publisher(node, PoseWithCovarianceStamped, 'pose', 10)
@@ -297,13 +293,14 @@ class RobotInMap:
 
     async def _on_save(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Write the map; other callbacks are executed meanwhile."""
+        name = self.parameters.map.file
+        if not name:
+            response.success, response.message = False, f'map.file = {name!r}: expected the file to write'
+            return response
         try:
-            path = Path(self.parameters.map.file).expanduser().absolute()
-        except RuntimeError:
-            path = Path()
-        if not self.parameters.map.file or path == Path():
-            response.success = False
-            response.message = f'map.file = {self.parameters.map.file!r}: expected the file to write'
+            path = expanded('map.file', name, ParameterError).absolute()
+        except ParameterError as error:
+            response.success, response.message = False, str(error)
             return response
         self._node.get_logger().info(f'writing the map to {path}')
         answer = Answer(executor=self._node.executor)
@@ -339,6 +336,6 @@ def _load(parameters: NodeParameters) -> Grid:
     """Read the map of ``map.file``."""
     name = parameters.map.file
     try:
-        return load_grid(Path(name).expanduser(), parameters.for_odometry())
-    except (MapError, RuntimeError) as error:
+        return load_grid(expanded('map.file', name, ParameterError), parameters.for_odometry())
+    except MapError as error:
         raise ParameterError(f'map.file = {name!r}: {error}') from None
