@@ -67,6 +67,20 @@ class BuildExtensions(build_ext):
                 self.distribution.ext_modules.append(Extension(name, [f'{SHARED}.c'], extra_compile_args=FLAGS))
         super().finalize_options()
 
+    def build_extensions(self):
+        """Generate the C of one module after the other, as Cython is not made for threads; then compile all at once."""
+        if CYTHON:
+            from Cython.Build import cythonize
+            shared = getattr(self, 'shared_utility_qualified_name', None)
+            options = {'shared_utility_qualified_name': shared} if shared else {}
+            made = cythonize(self.extensions, force=self.force, quiet=not self.verbose, build_dir=self.build_temp,
+                             **options)
+            sources = {each.name: each.sources for each in made}
+            for extension in self.extensions:
+                extension.sources = sources[extension.name]
+            self.shared_utility_qualified_name = None
+        super().build_extensions()
+
     def run(self):
         """Build; end with one line that says what is missing."""
         if not (CYTHON or all(module.with_suffix('.c').exists() for module in MODULES)):
