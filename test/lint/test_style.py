@@ -29,7 +29,7 @@ def test_the_stubs_say_what_the_compiled_modules_have(root):
     tools = root / '.venv-style' / 'bin'
     if not tools.is_dir() or subprocess.run([tools / 'python', '-V'], capture_output=True, text=True,
                                             check=True).stdout.split()[1] != sys.version.split()[0]:
-        pytest.skip('needs scripts/test style, with the version of Python that runs the tests')
+        pytest.skip('needs scripts/test lint, with the version of Python that runs the tests')
     modules = ['.'.join(path.relative_to(root).with_suffix('').parts)
                for path in (root / 'dbscan_reg_ros').rglob('*.pyi')]
     options = ['--concise', '--ignore-missing-stub', '--ignore-disjoint-bases']
@@ -41,7 +41,7 @@ def test_the_stubs_say_what_the_compiled_modules_have(root):
 def test_programs_of_users_pass_a_strict_type_checker(root):
     mypy = root / '.venv-style' / 'bin' / 'mypy'
     if not mypy.exists():
-        pytest.skip('needs scripts/test style')
+        pytest.skip('needs scripts/test lint')
     options = ['--strict', '--config-file=', '--follow-imports=silent', '--ignore-missing-imports']
     found = subprocess.run([mypy, *options, *sorted((root / 'doc' / 'examples').glob('*.py'))], cwd=root,
                            capture_output=True, text=True, timeout=300, check=False)
