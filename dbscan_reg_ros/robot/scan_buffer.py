@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scans of several lidars that wait to be processed, in the order of their stamps: from messages or from recordings."""
+import heapq
 import itertools
 import math
 from collections import deque
@@ -75,10 +76,6 @@ class ScanBuffer(Generic[T]):
         """Whether a scan of a `queue` with a `stamp` [ns] waits for an older one of another lidar."""
         return any(each.has_older(stamp) for each in self._queues if each is not queue)
 
-    def oldest(self) -> int:
-        """Return the number of the queue whose first scan is the oldest; of equal stamps that of the first queue."""
-        return min(range(len(self._queues)), key=lambda number: self._queues[number].first_stamp)
-
 
 class OfLidar(NamedTuple):
     """A scan of one of several lidars.
@@ -92,7 +89,7 @@ class OfLidar(NamedTuple):
 
 
 class RecordedScans:
-    """Scans of the lidars of a recording, of which the next scan of each lidar is always in the buffer.
+    """Scans of the lidars of a recording, in the order of their stamps.
 
     Parameters
     ----------
@@ -103,27 +100,19 @@ class RecordedScans:
     """
 
     def __init__(self, streams: Iterable[Iterable[Scan]], first: int = 0) -> None:
-        self._buffer, self._first = ScanBuffer[OfLidar](), first
-        self._lidars = [(self._buffer.add_queue(), enumerate(scans)) for scans in streams]
-        for lidar in range(len(self._lidars)):
-            self._read(lidar)
+        self._scans = heapq.merge(*(_numbered(lidar, scans) for lidar, scans in enumerate(streams, first)),
+                                  key=lambda each: each.scan.stamp)
+        self._next = next(self._scans, None)
 
     def before(self, stamp: float = math.inf) -> Iterator[OfLidar]:
         """Yield the scans before `stamp` [ns]: the oldest of the next ones, of equal stamps that of the first lidar."""
-        while self._lidars:
-            lidar = self._buffer.oldest()
-            queue, _ = self._lidars[lidar]
-            if not queue.first_stamp < stamp:
-                return
-            yield queue.pop()
-            self._read(lidar)
+        while self._next and self._next.scan.stamp < stamp:
+            yield self._next
+            self._next = next(self._scans, None)
 
-    def _read(self, lidar: int) -> None:
-        """Read the next scan of a lidar."""
-        queue, scans = self._lidars[lidar]
-        for own, scan in scans:
-            queue.add(scan.stamp, OfLidar(self._first + lidar, own, scan))
-            return
+
+def _numbered(lidar: int, scans: Iterable[Scan]) -> Iterator[OfLidar]:
+    return (OfLidar(lidar, own, scan) for own, scan in enumerate(scans))
 
 
 MOST = 9

@@ -27,12 +27,3 @@ def test_a_scan_waits_for_an_older_one_of_another_lidar_that_is_there_or_due(que
         False, False, True, True, False]
     buffer.remove_queue(first)
     assert not buffer.must_wait(second, 321 * MS)
-
-
-def test_the_oldest_scan_is_that_of_the_first_queue_if_stamps_are_equal(queues):
-    buffer, first, second = queues
-    second.add(80 * MS, 'equal')
-    order = []
-    while len(first) or len(second):
-        order.append((first, second)[buffer.oldest()].pop())
-    assert order == [0, 80, 'equal', 160, 240]
