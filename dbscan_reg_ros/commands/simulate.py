@@ -29,7 +29,7 @@ LIDAR = (
 )
 LIMITS = {
     'people': (0, 1000), 'laps': (1, 1000), 'seconds': (1.0, 86400.0), 'speed': (0.01, 100.0),
-    'turn_rate': (0.01, 100.0), 'rate': (0.1, 1000.0), 'duration': (0.0, 10.0), 'noise': (0.0, 10.0),
+    'turn_rate': (0.01, 100.0), 'rate': (0.1, 1000.0), 'duration': (0.0, 86400.0), 'noise': (0.0, 10.0),
     'noise_share': (0.0, 1.0), 'resolution': (0.0, 10.0), 'phase': (0.0, 10.0), 'dropouts': (0.0, 1.0),
     'outliers': (0.0, 1.0), 'range_min': (0.0, 1e4), 'range_max': (0.01, 1e6), 'gyro_noise': (0.0, 100.0),
 }
@@ -146,7 +146,7 @@ def chosen_lidars(lidars, target):
 
 
 def chosen_lidar(options):
-    """Return the lidar model with the given changes; raise CommandError if --range-min is too large."""
+    """Return the lidar model with the given changes; raise CommandError if options contradict each other."""
     import dataclasses
     import math
 
@@ -170,6 +170,9 @@ def chosen_lidar(options):
     # A lidar with more scans per second turns faster.
     faster = max(1.0, changes.get('rate', model.rate) / model.rate)
     lidar = dataclasses.replace(model, **{'duration': model.duration / faster, **changes})
+    if lidar.duration * lidar.rate > 1.0 + 1e-9:
+        raise CommandError(f'--duration {lidar.duration:g}: expected at most {1.0 / lidar.rate:g} s, the time between '
+                           'two scans (--rate); --seconds is the time of the drive')
     if lidar.range_min >= lidar.range_max:
         raise CommandError(f'--range-min {lidar.range_min:g}: expected less than the greatest range, '
                            f'{lidar.range_max:g} m (--range-max)')

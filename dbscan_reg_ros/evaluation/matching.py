@@ -90,4 +90,4 @@ def _other_clock(first, last, stamps) -> str:
     if not len(stamps) or ((stamps >= first - SAME_SCAN_WITHIN) & (stamps <= last + SAME_SCAN_WITHIN)).any():
         return ''
     return (f' (the stamps of the scans go from {1e-9 * stamps.min():.3f} to {1e-9 * stamps.max():.3f} s: expected '
-            'the same stamps in the trajectory file, in seconds)')
+            'these in the trajectory file, in seconds, not the numbers of the scans)')

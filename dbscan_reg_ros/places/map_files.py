@@ -2,6 +2,7 @@
 """Maps in files: of key frames, and occupancy grids as ``map_server`` of Nav2 reads them."""
 import re
 from pathlib import Path
+from zipfile import is_zipfile
 
 import numpy as np
 import yaml
@@ -32,9 +33,12 @@ def load_grid(path, parameters: Parameters = Parameters()) -> Grid:
     MapError
         When the file, or the picture that it names, cannot be read or is no map.
     """
-    if Path(path).suffix not in ('.yaml', '.yml'):
-        return Grid.of_map(Map.load(path), parameters)
     check_file(path, MapError)
+    if Path(path).suffix not in ('.yaml', '.yml'):
+        if Path(path).exists() and not is_zipfile(path):
+            raise MapError(f'{path}: no map; expected a map of key frames (.npz, by replay --map-out or ~/save_map) '
+                           'or the .yaml of an occupancy grid (by replay --grid or map_saver of Nav2), not its picture')
+        return Grid.of_map(Map.load(path), parameters)
     try:
         fields = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
         return _grid(fields, Path(path).parent)
@@ -45,12 +49,15 @@ def load_grid(path, parameters: Parameters = Parameters()) -> Grid:
         raise
     except Exception as error:  # noqa: BLE001 - a wrong file makes the parsers raise nearly anything
         reason = ' '.join(str(error).split())
-        raise MapError(f'{path}: no map ({type(error).__name__}: {reason}); expected image, resolution and origin as '
-                       'map_saver of Nav2 writes them') from None
+        raise MapError(f'{path}: no map ({reason}); expected the .yaml of an occupancy grid, '
+                       'as replay --grid or map_saver of Nav2 writes it') from None
 
 
 def _grid(fields, folder) -> Grid:
     """Return the grid of the `fields` of a map.yaml in `folder`."""
+    missing = [name for name in ('image', 'resolution', 'origin') if name not in (fields or ())]
+    if missing:
+        raise ValueError(f'it has no {" and no ".join(missing)}')
     mode = fields.get('mode', 'trinary')
     if mode not in MODES:
         raise ValueError(f'mode is {mode!r}; expected one of {", ".join(MODES)}')

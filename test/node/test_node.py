@@ -249,11 +249,14 @@ def test_a_wrong_value_at_the_start_ends_the_node_with_one_line(start_node, argu
     assert len(node.output().strip().splitlines()) == 1
 
 
-@pytest.mark.parametrize('words', [['--params-file', 'missing.yaml'], ['-p', 'nonsense']])
-def test_wrong_ros_arguments_end_the_node_with_one_line(start_node, words):
+@pytest.mark.parametrize('words, says', [
+    (['--params-file', 'missing.yaml'], '--params-file missing.yaml: there is no such file; those of the sensors'),
+    (['-p', 'nonsense'], 'ROS does not start: '),
+])
+def test_wrong_ros_arguments_end_the_node_with_one_line(start_node, words, says):
     node = start_node(*words)
     assert node.wait(TIMEOUT) == 2
-    assert 'scan_matcher: ' in node.output()
+    assert f'scan_matcher: {says}' in node.output()
     assert 'Traceback' not in node.output()
 
 

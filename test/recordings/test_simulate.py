@@ -183,6 +183,7 @@ def test_a_lidar_with_more_scans_per_second_turns_faster(simulated, words, durat
     (['--beams', '0'], 'a scan of 0 beams'), (['--angle-increment', '0'], 'angle_increment is 0'),
     (['--rate', '0'], '--rate 0.0'), (['--speed', '-1'], '--speed -1.0'), (['--dropouts', '2'], '--dropouts 2.0'),
     (['--laps', '0'], '--laps 0'), (['--noise', '-1'], '--noise -1.0'), (['--people', '-1'], '--people -1'),
+    (['--duration', '30'], '--duration 30: expected at most'), (['--rate', '5', '--duration', '0.3'], 'at most 0.2 s'),
     (['--range-min', '5', '--range-max', '2'], '--range-min 5: expected less than'),
 ])
 def test_what_cannot_be_is_refused_in_one_line(tmp_path, capsys, words, says):

@@ -9,11 +9,13 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from ...allocation import keep_freed_memory
 from ...command_lines import add_version, started_as
 from ...core.errors import BuildError
+from ...paths import config_folder
 from ...requirements import MissingPackages, check_packages
 from .ros_arguments import split_arguments
 
@@ -83,7 +85,7 @@ def _run(name: str, make: Callable[[str], Node], argv: list[str], stop: _StopSig
     try:
         rclpy.init(args=[name, *argv], signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
-        return _complain(name, f'ROS does not start: {error}')
+        return _complain(name, _missing_file(argv) or f'ROS does not start: {error}')
     try:
         executor = SingleThreadedExecutor()
         # A task wakes the executor.
@@ -99,6 +101,15 @@ def _run(name: str, make: Callable[[str], Node], argv: list[str], stop: _StopSig
     finally:
         rclpy.try_shutdown()
     return 0
+
+
+def _missing_file(argv: list[str]) -> str:
+    """Return a text that names the first ``--params-file`` of the ROS arguments that is no file, or nothing."""
+    words = split_arguments(argv)[1]
+    for option, file in pairwise(words):
+        if option == '--params-file' and not os.path.isfile(file):
+            return f'--params-file {file}: there is no such file; those of the sensors are in {config_folder()}'
+    return ''
 
 
 def _exempt_from_collection() -> None:

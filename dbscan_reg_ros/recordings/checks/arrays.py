@@ -39,7 +39,6 @@ class Odometry(pipeline.Odometry):
                  comparisons: LidarComparisons | None = None):
         super().__init__(parameters, comparisons)
         self._checks: dict[str, ScanChecks] = defaultdict(ScanChecks)
-        self._stamps: dict[str, int] = {}
         self._warned: set[tuple[str, Kind]] = set()
 
     def reset(self, pose: SE2 = SE2()) -> None:  # noqa: D102 - the docstring is inherited
@@ -53,11 +52,7 @@ class Odometry(pipeline.Odometry):
         expect_scan(scan)
         expect_prior(prior)
         expect('sensor', sensor, Sensor, 'Sensor(name, pose)')
-        fields = ScanFields.from_scan(scan)
-        if scan.stamp == self._stamps.get(sensor.name) == 0:
-            fields = fields._replace(stamp=0)
-        self._stamps[sensor.name] = scan.stamp
-        for warning in self._checks[sensor.name].look(fields):
+        for warning in self._checks[sensor.name].look(ScanFields.from_scan(scan)):
             if (sensor.name, warning.kind) not in self._warned:
                 self._warned.add((sensor.name, warning.kind))
                 warnings.warn(warning.text, stacklevel=2)

@@ -64,9 +64,9 @@ class ScanFields(NamedTuple):
 
     @classmethod
     def from_scan(cls, scan) -> 'ScanFields':
-        """Return the fields of a `Scan` from a file; a stamp of 0, which is valid in a file, is changed to 1 ns."""
+        """Return the fields of a `Scan`."""
         g = scan.geometry
-        return cls(scan.stamp or 1, scan.frame_id, g.angle_min, g.angle_min + (g.size - 1) * g.angle_increment,
+        return cls(scan.stamp, scan.frame_id, g.angle_min, g.angle_min + (g.size - 1) * g.angle_increment,
                    g.angle_increment, scan.time_increment, g.range_min, g.range_max, scan.ranges)
 
 
@@ -137,10 +137,10 @@ class ScanChecks:
             'angle_max is ignored. If the map is bent, angle_increment is wrong: mend the driver'))
 
     def _stamp(self, stamp, now):
-        if stamp == 0:
+        last = self._stamps[-1] if self._stamps else stamp - 1
+        if stamp == last == 0:
             return ScanWarning(Kind.STAMP_ZERO, 'the scans have no stamp (header.stamp is 0): no motion can be '
                                'estimated; the driver has to set it, in Python stamp=round(seconds * 1e9) of the Scan')
-        last = self._stamps[-1] if self._stamps else stamp - 1
         if last - stamp > RESTART * SECOND:
             self.restart()
         self._stamps.append(stamp)
@@ -152,8 +152,8 @@ class ScanChecks:
         if (steps >= REPEATED and stamp - self._stamps[0] < steps * OTHER_UNIT
                 and self._steps(lambda a, b: 0 < b - a < OTHER_UNIT) == steps):
             return ScanWarning(Kind.STAMP_UNIT, f'the stamps of the scans are {(stamp - self._stamps[0]) / steps:.6g} '
-                               'ns apart: expected the time of each scan in nanoseconds; microseconds have to be '
-                               'multiplied by 1000, milliseconds by 1000000')
+                               'ns apart: expected the time of each scan in nanoseconds; multiply microseconds by '
+                               '1000, milliseconds by 1000000, and numbers of scans by the time between two scans')
         if equal(last, stamp) and self._steps(equal) >= REPEATED:
             return ScanWarning(Kind.STAMP_EQUAL, f'the stamps of the scans are equal ({stamp / SECOND:.3f} s), or less '
                                'than 0.1 ms apart: expected the time of each scan; without it there is no speed; the '

@@ -87,6 +87,18 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path, fields):
     assert WRONG[fields] in str(raised.value) and '\n' not in str(raised.value)
 
 
+@pytest.mark.parametrize(('name', 'content', 'says'), [
+    ('map.png', b'\x89PNG', 'expected a map of key frames (.npz'), ('drive.log', b'# CARMEN log', 'not its picture'),
+    ('lds.yaml', b'/**: {ros__parameters: {scan.range_max: 8.0}}', 'it has no image and no resolution and no origin'),
+    ('empty.yaml', b'', 'expected the .yaml of an occupancy grid'),
+])
+def test_a_file_of_another_kind_is_named_with_what_is_expected(tmp_path, name, content, says):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(MapError, match=f'{name}: no map') as raised:
+        load_grid(tmp_path / name)
+    assert says in str(raised.value) and '\n' not in str(raised.value)
+
+
 @pytest.mark.parametrize('share', [0.0, 0.3, 0.7, 0.95])
 def test_a_picture_that_was_cut_off_is_refused_in_one_line(tmp_path, share):
     path = written(tmp_path)
