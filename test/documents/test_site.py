@@ -112,6 +112,38 @@ def test_every_document_is_a_page_without_a_dead_link(root, site):
     assert [name for name in public if f'id="dbscan_reg_ros.{name}"' not in api] == []
 
 
+PROGRAM = """
+from dbscan_reg_ros import Localizer, Map, Odometry, Parameters, Prior, Scan, SE2, open_recording, register
+odometry, localizer = Odometry(Parameters()), Localizer(Map.load('map.npz'))
+for scan in open_recording('drive').scans():
+    update = odometry.process(scan, Prior(SE2(), covariance))
+    found = localizer.process(update)
+for pose, probability in found.hypotheses:
+    pass
+"""
+COMPLETED = {
+    'scan': 'ranges stamp', 'update': 'pose covariance registration', 'found': 'state pose covariance transform',
+    'found.state': 'LOCALISED', 'found.pose': 'x theta', 'pose': 'inverse', 'Map': 'load save', 'SE2()': 'as_matrix',
+    'register(scan, scan)': 'status transform', 'Scan': 'from_ranges from_points', 'Parameters()': 'replace',
+}
+COMPLETE = """
+import json, sys
+import jedi
+program, places = json.load(sys.stdin)
+project = jedi.Project(sys.argv[1])
+print(json.dumps({place: [each.name for each in jedi.Script(f'{program}{place}.', project=project).complete()]
+                  for place in places}))
+"""
+
+
+def test_an_editor_completes_what_programs_of_users_use(root, docs_python):
+    done = subprocess.run([docs_python, '-c', COMPLETE, root], input=json.dumps([PROGRAM, list(COMPLETED)]), text=True,
+                          capture_output=True, timeout=300, check=True)
+    found = json.loads(done.stdout)
+    assert [f'{place}.{name}' for place, names in COMPLETED.items() for name in names.split()
+            if name not in found[place]] == []
+
+
 WIDTH = """Math.max(...[document.documentElement, ...document.querySelectorAll(".content")].map(e => e.scrollWidth))"""
 """The theme scrolls what is wider than the screen in the box of the content."""
 
