@@ -35,7 +35,7 @@ MODULES = {
         'pairs', 'relations', 'synthetic', 'overlap', 'speed', 'covariance', 'confidence', 'loops')},
     **{name: f'odometry.{name}' for name in ('drift', 'honesty', 'worst', 'silent', 'sparse', 'ablation')},
     'paper': 'paper.paper', 'sensors': 'sensors', 'lidars': 'lidars.wrong', 'places': 'places.places',
-    'node': 'node.streams', 'soak': 'node.soak', 'page': 'page.page', 'fingerprint': 'fingerprint.fingerprint',
+    'node': 'node.streams', 'soak': 'node.soak', 'page': 'page.page', 'fingerprint': 'fingerprint',
 }
 """Benchmark, or view of the odometry -> module of this package."""
 VIEWS = {'drift': 'errors over 1 and 5 m, frozen scans, times',

@@ -18,7 +18,7 @@ from dbscan_reg_ros.evaluation.methods import BenchmarkError
 from dbscan_reg_ros.recordings import open_recording
 
 from .bounds import at_most
-from .fingerprint.fingerprint import PACKAGE, built, environment, resolved, root
+from .trees import PACKAGE, built, environment, resolved, root
 
 UTM = '--lidar', 'hokuyo_utm30lx', '--world'
 SIMULATED = {

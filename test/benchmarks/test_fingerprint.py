@@ -4,9 +4,9 @@ import subprocess
 
 import numpy as np
 import pytest
+from benchmarks import fingerprint
 from benchmarks.__main__ import main
-from benchmarks.fingerprint import comparison, fingerprint
-from benchmarks.fingerprint.inputs import PLACE, mounted, places
+from benchmarks.fingerprint import PLACE, mounted, places
 
 from dbscan_reg_ros import SE2
 
@@ -25,11 +25,11 @@ def test_the_first_scan_that_differs_and_the_largest_difference_are_found(tmp_pa
     np.savez(tmp_path / 'a.npz', pose=pose, status=status)
     pose[3, 1], pose[5, 2], status[5] = 1e-300, -0.25, 'no'
     np.savez(tmp_path / 'b.npz', pose=pose, status=status)
-    found = comparison.compare('drive', tmp_path / 'a.npz', tmp_path / 'b.npz')
+    found = fingerprint.compare('drive', tmp_path / 'a.npz', tmp_path / 'b.npz')
     assert found.first == 3 and found.differing.tolist() == [False, False, False, True, False, True]
     assert found.largest == {'pose': 0.25, 'status': 1.0}
     assert str(found) == '2 differ, from 3 on; largest difference: pose 0.25, status 1'
-    same = comparison.compare('drive', tmp_path / 'a.npz', tmp_path / 'a.npz')
+    same = fingerprint.compare('drive', tmp_path / 'a.npz', tmp_path / 'a.npz')
     assert same.first is None and str(same) == 'equal'
 
 
@@ -49,7 +49,6 @@ def test_a_commit_is_equal_to_itself_in_the_core_and_through_the_node(checkout, 
                  '--only', 'intel_wheels', 'pairs', 'mounted', 'node_moving']) in (0, 1)
     output = capsys.readouterr().out
     changed = subprocess.run(['git', 'status', '--porcelain', 'dbscan_reg_ros'], cwd=fingerprint.root(),
-                             capture_output=True,
-                             text=True, check=True).stdout
+                             capture_output=True, text=True, check=True).stdout
     assert 'all 4 drives are equal' in output or changed
     assert len(list((tmp_path / 'records').rglob('*.npz'))) == 4

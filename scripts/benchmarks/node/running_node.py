@@ -12,7 +12,7 @@ import numpy as np
 
 from dbscan_reg_ros.core.scan import Scan
 
-from ..fingerprint.fingerprint import environment, root
+from ..trees import environment, root
 
 WARM_UP = 2.0
 """Seconds that do not count: both sides get to know each other."""
@@ -112,3 +112,11 @@ def memory_mb(pid):
     """Resident memory of a process [MB]."""
     line = next(line for line in Path(f'/proc/{pid}/status').read_text().splitlines() if line.startswith('VmRSS:'))
     return int(line.split()[1]) / 1024.0
+
+
+def numbers_of(message) -> list:
+    """Return the numbers of an Odometry message, as `odometry_numbers` those of a state."""
+    pose, twist = message.pose.pose, message.twist.twist
+    p, q, v, w = pose.position, pose.orientation, twist.linear, twist.angular
+    return [p.x, p.y, p.z, q.x, q.y, q.z, q.w, *message.pose.covariance, v.x, v.y, v.z, w.x, w.y, w.z,
+            *message.twist.covariance]

@@ -16,12 +16,12 @@ import numpy as np
 from dbscan_reg_ros.commands.workers import local_workers
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
-from dbscan_reg_ros.recordings.message_fields import odometry_fields
+from dbscan_reg_ros.recordings.message_fields import odometry_numbers
 from dbscan_reg_ros.robot.base_state import base_state
 
 from ..bounds import at_most
 from ..report import Report
-from .running_node import PATIENCE, cpu_seconds, graph, memory_mb, running_node, to_and_fro
+from .running_node import PATIENCE, cpu_seconds, graph, memory_mb, numbers_of, running_node, to_and_fro
 
 SCANS = 150_000
 BLOCK = 1000
@@ -91,7 +91,7 @@ def drive(count):
         update = odometry.process(scan)
         seconds[k] = time.thread_time() - begin
         state = base_state(update, SE2(), SE2())
-        blocks.add(_numbers(odometry_fields(state, 'odom', 'base_link')))
+        blocks.add(odometry_numbers(state))
         if k == BLOCK - 1:
             items = _items()
         if k >= BLOCK - 1 and (k + 1) % STEP == 0:
@@ -130,7 +130,7 @@ def drive_node(count, expected):
             marks.append((cpu_seconds(node.pid), memory_mb(node.pid)))
             lost += answers.lost
             for message in filter(None, answers.messages):
-                blocks.add(_numbers_of(message))
+                blocks.add(numbers_of(message))
     spent, memory = np.array(marks[BLOCK // STEP - 1:]).T
     tenth = max(1, round(TENTH * len(spent)))
     return {'scans_count': count, 'lost_count': lost, 'growth_mb': growth(list(memory)),
@@ -156,19 +156,3 @@ class Blocks:
         self._count += 1
         if self._count % BLOCK == 0:
             self.digests.append(self._hash.hexdigest())
-
-
-def _numbers(fields):
-    """Every number that an Odometry message says, by its fields."""
-    pose, twist = fields['pose'], fields['twist']
-    position, turn, velocity = pose['pose']['position'], pose['pose']['orientation'], twist['twist']
-    return [position['x'], position['y'], turn['z'], turn['w'], *pose['covariance'], velocity['linear']['x'],
-            velocity['linear']['y'], velocity['angular']['z'], *twist['covariance']]
-
-
-def _numbers_of(message):
-    """Return the same of the message."""
-    pose, twist = message.pose, message.twist
-    position, turn, velocity = pose.pose.position, pose.pose.orientation, twist.twist
-    return [position.x, position.y, turn.z, turn.w, *pose.covariance, velocity.linear.x, velocity.linear.y,
-            velocity.angular.z, *twist.covariance]

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from ..bounds import at_most
-from ..fingerprint.fingerprint import built, resolved, root
 from ..report import Report
+from ..trees import built, resolved, root
 from .running_node import ALONE, PATIENCE, WARM_UP, graph, make_scans, play, running_node
 from .two_lidars import add_two_lidars
 

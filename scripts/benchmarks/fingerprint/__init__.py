@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: Apache-2.0
-"""Comparison of two commits, bit for bit."""
