@@ -10,22 +10,16 @@ from .command_line import CommandError
 
 @dataclass(frozen=True)
 class Competitor:
-    """One competitor: the odometry with `parameters`, the method called `method`, or a `given` trajectory.
-
-    Attributes
-    ----------
-    name : str
-        Name that the user gave.
-    parameters : NodeParameters or None
-    method : str
-        Name of a method, or ``module:function``.
-    given : GivenTrajectory or None
-    """
+    """One competitor: the odometry with `parameters`, the method called `method`, or a `given` trajectory."""
 
     name: str
+    """Name that the user gave."""
     parameters: object = None
+    """NodeParameters"""
     method: str = ''
+    """Name of a method, or ``module:function``."""
     given: object = None
+    """GivenTrajectory"""
 
     @classmethod
     def named(cls, name) -> 'Competitor':

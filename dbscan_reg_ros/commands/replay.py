@@ -135,24 +135,16 @@ def _path(file, args):
 
 @dataclass(frozen=True)
 class Replayed:
-    """Outcome of a replay.
+    """Outcome of a replay."""
 
-    Attributes
-    ----------
-    lines : list of str
-        Lines of the summary.
-    faults : list of str
-        One line for each part of the results that could not be written completely.
-    code : int
-        Exit status.
-    entry : DriveEntry or None
-        Entry of this replay in the index of several replays; None if its page was not written.
-    """
-
-    lines: list
-    faults: list
+    lines: list[str]
+    """Lines of the summary."""
+    faults: list[str]
+    """One line for each part of the results that could not be written completely."""
     code: int = 0
+    """Exit status."""
     entry: object = None
+    """DriveEntry: entry of this replay in the index of several replays; None if its page was not written."""
 
 
 def replay_one(path, lidars, parameters, options) -> Replayed:

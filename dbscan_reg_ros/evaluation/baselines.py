@@ -29,18 +29,12 @@ MAX_ANGLE, MAX_DISTANCE = math.radians(30.0), 2.0
 
 @dataclass(frozen=True)
 class Result:
-    """Result with the attributes of `core.registration.records.Registration` that every method can provide.
-
-    Attributes
-    ----------
-    transform : SE2
-        Pose of the current sensor in the reference's frame: ``p_R = transform.apply(p_O)`` (Eq. 8).
-    status : Status
-        ``OK`` if the iteration converged, else ``FAILED``.
-    """
+    """Result with the attributes of `core.registration.records.Registration` that every method can provide."""
 
     transform: SE2
+    """Pose of the current sensor in the reference's frame: ``p_R = transform.apply(p_O)`` (Eq. 8)."""
     status: Status
+    """``OK`` if the iteration converged, else ``FAILED``."""
 
 
 def iterate(step, guess) -> Result:

@@ -32,19 +32,13 @@ class TooShort(RecordingError):
 
 @dataclass(frozen=True, eq=False)
 class Paired:
-    """Errors of A and of B for the same N motions.
-
-    Attributes
-    ----------
-    a, b : (2, N) float
-        Errors of translation [m] and of rotation [deg], in the order of the scans.
-    block : int
-        Number of successive errors that are treated as correlated.
-    """
+    """Errors of A and of B for the same N motions."""
 
     a: np.ndarray
     b: np.ndarray
+    """Errors of translation [m] and of rotation [deg], in the order of the scans ``(2, N)``."""
     block: int
+    """Number of successive errors that are treated as correlated."""
 
     @property
     def blocks(self) -> int:
@@ -54,28 +48,19 @@ class Paired:
 
 @dataclass(frozen=True)
 class Difference:
-    """Mean errors of A and of B, and the confidence interval of their difference B - A.
-
-    Attributes
-    ----------
-    a, b : float
-        Mean errors [m] or [deg].
-    low, high : float
-        Limits of the confidence interval of B - A [m] or [deg].
-    unit : str
-    motions : int
-        Number of motions whose errors are compared.
-    blocks : int
-        Number of blocks of motions with correlated errors.
-    """
+    """Mean errors of A and of B, and the confidence interval of their difference B - A."""
 
     a: float
     b: float
+    """Mean errors [m] or [deg]."""
     low: float
     high: float
+    """Limits of the confidence interval of B - A [m] or [deg]."""
     unit: str
     motions: int
+    """Number of motions whose errors are compared."""
     blocks: int
+    """Number of blocks of motions with correlated errors."""
 
     @property
     def worse(self):
@@ -103,28 +88,20 @@ class Difference:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Comparison of a competitor with the first one, called A.
-
-    Attributes
-    ----------
-    letter : str
-        Letter of the competitor in the printed table.
-    a, b : str
-        Names of A and of the competitor.
-    coverage : dict
-        Recording -> fraction of the scans with a pose of A that also have a pose of the competitor.
-    table : dict
-        Recording, or ``all`` for the judged recordings together -> `Difference` of translation and of rotation.
-    """
+    """Comparison of a competitor with the first one, called A."""
 
     LEAST_COVERAGE = 0.9
     """Minimum `coverage` of a recording for a verdict."""
 
     letter: str
+    """Letter of the competitor in the printed table."""
     a: str
     b: str
+    """Names of A and of the competitor."""
     coverage: dict
+    """Recording -> fraction of the scans with a pose of A that also have a pose of the competitor."""
     table: dict
+    """Recording, or ``all`` for the judged recordings together -> `Difference` of translation and of rotation."""
 
     @property
     def not_judged(self) -> list:

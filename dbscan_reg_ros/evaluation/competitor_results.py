@@ -31,27 +31,7 @@ TEX = {'\\': r'\textbackslash{}', '~': r'\textasciitilde{}', '^': r'\textasciici
 
 @dataclass(frozen=True)
 class CompetitorResult:
-    """Result of a competitor on a recording.
-
-    Attributes
-    ----------
-    recording, letter, name : str
-    scans, poses, interpolated, not_ok : int
-        Numbers of scans: all, those with a pose, those whose pose is interpolated, and those without a pose or with
-        another status than `OK`.
-    driven : float or None
-        Path length over all poses [m].
-    error_m, error_deg : float or None
-        Mean errors of the motion over 1 m on the scans with poses of both A and the competitor; None if unknown.
-    error_5m_m, error_5m_deg : float or None
-        The same over 5 m.
-    evo : EvoMeasures
-        Measures over all poses of the competitor.
-    verdict : str
-        Whether the competitor is better or worse than A; empty for A.
-    notes : list of str
-        Which scans have a pose, and why measures are missing.
-    """
+    """Result of a competitor on a recording."""
 
     recording: str
     letter: str
@@ -60,14 +40,22 @@ class CompetitorResult:
     poses: int
     interpolated: int
     not_ok: int
+    """Numbers of scans: all, those with a pose, those whose pose is interpolated, and those without a pose or with
+    another status than `OK`."""
     driven: float | None
+    """Path length over all poses [m]."""
     error_m: float | None
     error_deg: float | None
+    """Mean errors of the motion over 1 m on the scans with poses of both A and the competitor; None if unknown."""
     error_5m_m: float | None
     error_5m_deg: float | None
+    """The same over 5 m."""
     evo: EvoMeasures
+    """Measures over all poses of the competitor."""
     verdict: str
-    notes: list
+    """Whether the competitor is better or worse than A; empty for A."""
+    notes: list[str]
+    """Which scans have a pose, and why measures are missing."""
 
     @property
     def with_pose(self) -> str:

@@ -18,22 +18,15 @@ TOLERANCE = 0.1
 
 @dataclass(frozen=True)
 class EvoMeasures:
-    """Measures of a trajectory; a measure is None if it cannot be computed.
-
-    Attributes
-    ----------
-    ape_m : float or None
-        Root mean square of the absolute position error after alignment [m].
-    rpe_m, rpe_deg : float or None
-        Root mean squares of the relative pose errors over `DELTA`: translation [m], rotation [deg].
-    reasons : list of str
-        Why measures are missing.
-    """
+    """Measures of a trajectory; a measure is None if it cannot be computed."""
 
     ape_m: float | None
+    """Root mean square of the absolute position error after alignment [m]."""
     rpe_m: float | None
     rpe_deg: float | None
-    reasons: list
+    """Root mean squares of the relative pose errors over `DELTA`: translation [m], rotation [deg]."""
+    reasons: list[str]
+    """Why measures are missing."""
 
 
 def evo_measures(poses, reference) -> EvoMeasures:

@@ -14,18 +14,12 @@ from .matching import Matched, match
 
 @dataclass(frozen=True)
 class GivenTrajectory:
-    """A trajectory of another program.
-
-    Attributes
-    ----------
-    path : Path
-        File in TUM format, or a folder with a file ``RECORDING.tum`` for each recording.
-    mounting : (float, float, float)
-        Pose of the sensor in the frame of the body whose poses the file contains [m, m, rad].
-    """
+    """A trajectory of another program."""
 
     path: Path
+    """File in TUM format, or a folder with a file ``RECORDING.tum`` for each recording."""
     mounting: tuple = (0.0, 0.0, 0.0)
+    """(float, float, float): pose of the sensor in the frame of the body whose poses the file contains [m, m, rad]."""
 
     @classmethod
     def parse(cls, text) -> 'GivenTrajectory':

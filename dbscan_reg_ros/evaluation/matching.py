@@ -9,21 +9,14 @@ from .metrics import LONGEST_GAP, SAME_SCAN_WITHIN
 
 
 class Matched(NamedTuple):
-    """Poses of a trajectory at the stamps of scans.
-
-    Attributes
-    ----------
-    poses : (N, 3) float [m, m, rad]
-        NaN for scans without a pose.
-    explanation : str
-        How many scans have a pose, how many have no pose, and the reasons.
-    interpolated : int
-        Number of poses that are interpolated between two poses of the trajectory.
-    """
+    """Poses of a trajectory at the stamps of scans."""
 
     poses: np.ndarray
+    """NaN for scans without a pose ``(N, 3)`` [m, m, rad]."""
     explanation: str
+    """How many scans have a pose, how many have no pose, and the reasons."""
     interpolated: int = 0
+    """Number of poses that are interpolated between two poses of the trajectory."""
 
 
 def match(own, poses, stamps, sparse=False) -> Matched:

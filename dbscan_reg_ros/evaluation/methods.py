@@ -31,20 +31,14 @@ class BenchmarkError(DbscanRegError):
 
 @dataclass(frozen=True)
 class Method:
-    """A method of registration of two scans.
-
-    Attributes
-    ----------
-    prepare : callable
-        ``prepare(scan)`` returns what is computed only once for each scan.
-    align : callable
-        ``align(prepared_reference, prepared_current, guess=None)`` returns a record with `transform` and `status`;
-        `guess` is an `SE2`.
-    """
+    """A method of registration of two scans."""
 
     name: str
     prepare: Callable
+    """``prepare(scan)`` returns what is computed only once for each scan."""
     align: Callable
+    """``align(prepared_reference, prepared_current, guess=None)`` returns a record with `transform` and `status`;
+    `guess` is an `SE2`."""
 
     def __call__(self, reference, current):
         """Register the `Scan` `current` onto the `Scan` `reference`, without a guess."""

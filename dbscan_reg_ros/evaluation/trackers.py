@@ -42,32 +42,26 @@ class Step:
 
     Attributes
     ----------
-    pose : SE2
-        Pose of the sensor in the frame of the first scan.
-    status : Status
-    degenerate_direction : float or None
-        Direction in which the translation is not observable [rad], in the frame of the first scan.
-    covariance : (3, 3) float or None
-        Covariance of `pose`, in the frame of the first scan.
-    twist, twist_covariance : (3,) float, (3, 3) float or None
-        Velocity in the frame of the sensor [m/s, m/s, rad/s], and its covariance; None without a result for the scan.
-    interval : float [s]
-        Filtered time since the last scan, if it is known.
     registration, contradicted : None
         Always None, because trackers do not report single registrations, and nothing that contradicts them.
-    restarted : bool
-        Always False, because trackers do not restart.
     """
 
     pose: SE2
+    """Pose of the sensor in the frame of the first scan."""
     status: Status = Status.OK
     degenerate_direction: float | None = None
+    """Direction in which the translation is not observable [rad], in the frame of the first scan."""
     covariance: np.ndarray | None = None
+    """Covariance of `pose`, in the frame of the first scan ``(3, 3)``."""
     twist: np.ndarray | None = None
     twist_covariance: np.ndarray | None = None
+    """(3,) float, (3, 3) float: velocity in the frame of the sensor [m/s, m/s, rad/s], and its covariance; None without
+    a result for the scan."""
     interval: float = 0.0
+    """Filtered time since the last scan, if it is known [s]."""
     registration: None = None
     restarted: bool = False
+    """Always False, because trackers do not restart."""
     contradicted: None = None
     contradicted_by: float = 0.0
     contradiction: str = ''

@@ -30,17 +30,12 @@ PNG_LEVEL = 3
 
 
 class DensityMap(NamedTuple):
-    """Density of the returns on a map.
-
-    Attributes
-    ----------
-    ink : (rows, columns) float32
-        Density of each cell, 0..1; the first row is the lowest.
-    extent : (left, right, bottom, top) [m]
-    """
+    """Density of the returns on a map."""
 
     ink: np.ndarray
+    """Density of each cell, 0..1 ``(rows, columns)`` float32; the first row is the lowest."""
     extent: tuple
+    """(left, right, bottom, top) [m]"""
 
 
 class MapPoints:

@@ -11,20 +11,13 @@ from .scans import draw_points, draw_scan_segments
 
 
 class Drawing(NamedTuple):
-    """One figure of a pair of scans.
-
-    Attributes
-    ----------
-    title : str
-    draw : callable
-        ``draw(figure, steps)``.
-    caption : callable
-        ``caption(steps)`` is the text that explains what the figure should show.
-    """
+    """One figure of a pair of scans."""
 
     title: str
     draw: Callable
+    """``draw(figure, steps)``."""
     caption: Callable
+    """``caption(steps)`` is the text that explains what the figure should show."""
 
 
 FIGURES = {

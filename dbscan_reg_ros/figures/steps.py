@@ -24,28 +24,20 @@ from ..core.scan import Scan
 
 @dataclass(frozen=True, eq=False)
 class ScanSteps:
-    """Results of the steps that process one scan.
-
-    Attributes
-    ----------
-    features : Features or ScanLines
-        The latter by the method of the paper.
-    measured, filtered : (N, 2) float [m]
-        Points before and after the ring band filter; not finite if the beam has no return or its point was removed.
-    outcome : (N,) int
-        What the filter did with each beam, an `Outcome`.
-    breaks : (P - 1,) bool
-        Whether a breakpoint lies between a point of `features` and the next point.
-    landmarks : (L, 2) float [m]
-        Positions of the landmarks in `features`.
-    """
+    """Results of the steps that process one scan."""
 
     features: Any
+    """Features or ScanLines: the latter by the method of the paper."""
     measured: np.ndarray
     filtered: np.ndarray
+    """Points before and after the ring band filter ``(N, 2)`` [m]; not finite if the beam has no return or its point
+    was removed."""
     outcome: np.ndarray
+    """What the filter did with each beam, an `Outcome` ``(N,)`` int."""
     breaks: np.ndarray
+    """Whether a breakpoint lies between a point of `features` and the next point ``(P - 1,)`` bool."""
     landmarks: np.ndarray
+    """Positions of the landmarks in `features` ``(L, 2)`` [m]."""
 
     @classmethod
     def of(cls, scan: Scan, parameters: Parameters) -> 'ScanSteps':
@@ -65,19 +57,7 @@ class ScanSteps:
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Results of the steps that register a pair of scans.
-
-    Attributes
-    ----------
-    reference, current : ScanSteps
-    rotations : Rotations
-    translations : Translations
-    registration : Registration
-    parameters : Parameters or None
-        None by the method of the paper, which has none.
-    truth : SE2 or None
-        True motion, drawn where it is known.
-    """
+    """Results of the steps that register a pair of scans."""
 
     reference: ScanSteps
     current: ScanSteps
@@ -85,7 +65,9 @@ class Steps:
     translations: Translations
     registration: Registration
     parameters: Any
+    """Parameters: None by the method of the paper, which has none."""
     truth: SE2 | None = None
+    """True motion, drawn where it is known."""
 
     @classmethod
     def of(cls, reference: Scan, current: Scan, parameters: Parameters, registration: Registration | None = None,

@@ -11,52 +11,32 @@ from ..core.registration.records import UNKNOWN_HEADING, Status
 
 
 class Timing(NamedTuple):
-    """When two scans were measured.
-
-    Attributes
-    ----------
-    interval : float or None
-        Time from the stamp of the reference to that of the current scan [s]; None if unknown.
-    duration : float
-        Time that all beams of a scan take [s], the longer one of both; 0 if unknown, or if the motion during the scans
-        was removed.
-    moved : (float, float) or None
-        Largest motion of the sensor during one of the scans [m], [rad]; None if unknown.
-    """
+    """When two scans were measured."""
 
     interval: float | None = None
+    """Time from the stamp of the reference to that of the current scan [s]; None if unknown."""
     duration: float = 0.0
+    """Time that all beams of a scan take [s], the longer one of both; 0 if unknown, or if the motion during the scans
+    was removed."""
     moved: tuple[float, float] | None = None
+    """Largest motion of the sensor during one of the scans [m], [rad]; None if unknown."""
 
 
 class LidarOfScan(NamedTuple):
-    """The lidar of a scan.
-
-    Attributes
-    ----------
-    number : int
-        Number of the scan among the scans of all lidars.
-    topic : str
-    pose : SE2
-        Pose of the lidar in the frame of the first lidar.
-    """
+    """The lidar of a scan."""
 
     number: int
+    """Number of the scan among the scans of all lidars."""
     topic: str
     pose: SE2
+    """Pose of the lidar in the frame of the first lidar."""
 
 
 class LidarsOfPair(NamedTuple):
-    """The lidars of two scans, of a recording of several lidars.
-
-    Attributes
-    ----------
-    first : str
-        Topic of the first lidar.
-    reference, current : LidarOfScan
-    """
+    """The lidars of two scans, of a recording of several lidars."""
 
     first: str
+    """Topic of the first lidar."""
     reference: LidarOfScan
     current: LidarOfScan
 

@@ -32,53 +32,36 @@ class Grade(IntEnum):
 
 @dataclass
 class Counters:
-    """Numbers of scans of one lidar since the node started, result of its latest scan, and warnings not reported yet.
-
-    Attributes
-    ----------
-    processed, skipped : int
-        Number of scans processed and skipped so far.
-    statuses : Counter
-        Number of scans with each `Status`.
-    too_fast : int
-        Number of scans rejected so far because `odometry.max_speed` or `odometry.max_turn_rate` was exceeded.
-    durations : deque of float
-        Processing times of the last `TIMED_SCANS` scans [s].
-    update : OdometryUpdate or None
-        Result of the latest processed scan.
-    degenerate_direction : float or None
-        Direction [rad] in `odom_frame` along which the latest scan does not constrain the pose; None if it constrains
-        every direction.
-    sensor_pose : SE2
-        Pose of the sensor in the base frame at the latest scan: `Mounting.aligned_pose`.
-    compared : ComparedLidar or None
-        Comparisons of this lidar with the first one.
-    mounting : Mounting
-        Mounting of the lidar at the latest scan.
-    body : OwnBody
-        Where the lidar sees the robot itself.
-    skip_reason : str
-        Why the latest scan was skipped; empty when it was processed.
-    cause : str
-        What is wrong with the latest scan, if that explains why it is not registered; else empty.
-    warnings : dict
-        Warnings about scans since the last diagnostics report: kind -> text.
-    """
+    """Scans of one lidar since the node started by number, result of the latest, and warnings not reported yet."""
 
     processed: int = 0
     skipped: int = 0
+    """Number of scans processed and skipped so far."""
     statuses: Counter[Status] = field(default_factory=Counter)
+    """Number of scans with each `Status`."""
     too_fast: int = 0
+    """Number of scans rejected so far because `odometry.max_speed` or `odometry.max_turn_rate` was exceeded."""
     durations: deque[float] = field(default_factory=lambda: deque(maxlen=TIMED_SCANS))
+    """Processing times of the last `TIMED_SCANS` scans [s]."""
     update: OdometryUpdate | None = None
+    """Result of the latest processed scan."""
     degenerate_direction: float | None = None
+    """Direction [rad] in `odom_frame` along which the latest scan does not constrain the pose; None if it constrains
+    every direction."""
     sensor_pose: SE2 = field(default_factory=SE2)
+    """Pose of the sensor in the base frame at the latest scan: `Mounting.aligned_pose`."""
     compared: ComparedLidar | None = None
+    """Comparisons of this lidar with the first one."""
     mounting: Mounting = field(default_factory=Mounting)
+    """Mounting of the lidar at the latest scan."""
     body: OwnBody = field(default_factory=OwnBody)
+    """Where the lidar sees the robot itself."""
     skip_reason: str = ''
+    """Why the latest scan was skipped; empty when it was processed."""
     cause: str = ''
+    """What is wrong with the latest scan, if that explains why it is not registered; else empty."""
     warnings: dict[Kind, str] = field(default_factory=dict)
+    """Warnings about scans since the last diagnostics report: kind -> text."""
 
     def processed_scan(self, update: OdometryUpdate, origin: SE2, sensor_pose: SE2, duration: float) -> None:
         """Count a processed scan.

@@ -20,27 +20,18 @@ LARGEST = 128 * 2**20
 
 @dataclass(frozen=True)
 class Archive:
-    """A kind of archive.
-
-    Attributes
-    ----------
-    name : str
-        Name of the array that holds the bytes of the JSON text (UTF-8), and of the kind in messages.
-    format : str
-        Value of ``format`` in the JSON text.
-    version : int
-        The latest version, which is written; this one and those before are read.
-    origin : str
-        What writes such a file.
-    error : type
-        Type of the errors, derived from `DbscanRegError`.
-    """
+    """A kind of archive."""
 
     name: str
+    """Name of the array that holds the bytes of the JSON text (UTF-8), and of the kind in messages."""
     format: str
+    """Value of ``format`` in the JSON text."""
     version: int
+    """The latest version, which is written; this one and those before are read."""
     origin: str
+    """What writes such a file."""
     error: type[DbscanRegError]
+    """Type of the errors, derived from `DbscanRegError`."""
 
     def write(self, path, fields, arrays):
         """Write the JSON `fields` and the `arrays`, name -> array; the file appears complete or not at all."""

@@ -36,25 +36,17 @@ class Gap(NamedTuple):
 
 @dataclass(frozen=True)
 class Kept:
-    """Part of a recording that is converted.
-
-    Attributes
-    ----------
-    topic : str or None
-        Topic of the scans; needed if a log is read or written and the source has several topics of scans.
-    topics : collection of str
-        Topics to write to a bag; empty: all topics.
-    start, end : float
-        First and last time to convert, since the first message [s]. Static transforms from before are kept.
-    without : collection of Gap
-        Parts to leave out when a bag becomes a bag.
-    """
+    """Part of a recording that is converted."""
 
     topic: str | None = None
+    """Topic of the scans; needed if a log is read or written and the source has several topics of scans."""
     topics: Collection[str] = ()
+    """Topics to write to a bag; empty: all topics."""
     start: float = 0.0
     end: float = math.inf
+    """First and last time to convert, since the first message [s]. Static transforms from before are kept."""
     without: Collection[Gap] = ()
+    """Parts to leave out when a bag becomes a bag."""
 
 
 def messages_of_part(reader, connections, kept, problems, left_out):

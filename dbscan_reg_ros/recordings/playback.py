@@ -14,24 +14,16 @@ USUAL_IMU = '/imu', '/imu/data'
 
 
 class Channel(NamedTuple):
-    """A topic of a recording that can be played.
-
-    Attributes
-    ----------
-    recorded : str
-        Name of the topic in the recording.
-    kind : str
-        The message type.
-    latched : bool
-        Whether late subscribers also receive the last message of the topic.
-    input : str
-        The input topic of the node that accepts these messages, such as ``wheel_odom``; empty if there is none.
-    """
+    """A topic of a recording that can be played."""
 
     recorded: str
+    """Name of the topic in the recording."""
     kind: str
+    """The message type."""
     latched: bool = False
+    """Whether late subscribers also receive the last message of the topic."""
     input: str = ''
+    """The input topic of the node that accepts these messages, such as ``wheel_odom``; empty if there is none."""
 
     @property
     def topic(self) -> str:
@@ -40,21 +32,14 @@ class Channel(NamedTuple):
 
 
 class Played(NamedTuple):
-    """A scan, or a message of a channel, that is played.
-
-    Attributes
-    ----------
-    content : Scan, bytes or dict
-        A scan; or another message, as the bytes that ROS 2 sends or as its fields.
-    time : int
-        Record time of the scan or message [ns].
-    channel : Channel or None
-        None for a scan.
-    """
+    """A scan, or a message of a channel, that is played."""
 
     content: Any
+    """Scan, bytes or dict: a scan; or another message, as the bytes that ROS 2 sends or as its fields."""
     time: int | None = None
+    """Record time of the scan or message [ns]."""
     channel: Channel | None = None
+    """None for a scan."""
 
 
 def inputs_of(kinds, wheels, scans='/scan') -> dict:

@@ -52,21 +52,12 @@ ARCHIVE = Archive('snapshot', 'dbscan_reg_ros snapshot', 1, '~/snapshot', Record
 
 @dataclass(frozen=True, eq=False)
 class SnapshotUpdate:
-    """Result of the odometry for one scan, with the attributes of `OdometryUpdate`, but scans instead of features.
-
-    Attributes
-    ----------
-    measured : Scan
-        The scan as it was measured.
-    motion : (3,) float or None
-        Velocity [m/s, m/s, rad/s] with which it was deskewed.
-    reference : Scan or None
-    prior : Prior or None
-        External prior of the motion since the previous update.
-    """
+    """Result of the odometry for one scan, with the attributes of `OdometryUpdate`, but scans instead of features."""
 
     measured: Scan
+    """The scan as it was measured."""
     motion: FloatArray | None
+    """Velocity [m/s, m/s, rad/s] with which it was deskewed ``(3,)``."""
     reference: Scan | None
     stamp: int
     interval: float
@@ -77,6 +68,7 @@ class SnapshotUpdate:
     status: Status
     registration: Registration | None
     prior: Prior | None
+    """External prior of the motion since the previous update."""
     restarted: str
 
     @classmethod
@@ -95,18 +87,12 @@ class SnapshotUpdate:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """The last scans of an odometry.
-
-    Attributes
-    ----------
-    parameters : dict
-        Full name -> value of every parameter.
-    updates : list of SnapshotUpdate
-        Oldest first.
-    """
+    """The last scans of an odometry."""
 
     parameters: dict
+    """Full name -> value of every parameter."""
     updates: list
+    """list of SnapshotUpdate: oldest first."""
 
 
 def write_snapshot(path, snapshot: Snapshot):

@@ -21,18 +21,12 @@ NEAR = 0.1
 
 
 class Mended(NamedTuple):
-    """Stamps that can be used.
-
-    Attributes
-    ----------
-    stamps : list of int (N,)
-        Stamps [ns], each within the limits of a ROS message.
-    note : str
-        Corrections that were made, in one line; empty if the stamps were not changed.
-    """
+    """Stamps that can be used."""
 
     stamps: list
+    """list of int (N,): stamps [ns], each within the limits of a ROS message."""
     note: str
+    """Corrections that were made, in one line; empty if the stamps were not changed."""
 
 
 def mend(stamps) -> Mended:

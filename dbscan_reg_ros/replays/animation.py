@@ -24,18 +24,12 @@ ARROW = np.array(((0.0, 0.0), (-1.0, 0.6), (-0.65, 0.0), (-1.0, -0.6))) * 14.0 +
 
 
 class Track(NamedTuple):
-    """Estimated poses of a drive, and the map drawn from them.
-
-    Attributes
-    ----------
-    poses : (N, 3) float [m, m, rad]
-        Poses of the sensor.
-    stamps : sequence of int (N,) [ns]
-    density : DensityMap
-    """
+    """Estimated poses of a drive, and the map drawn from them."""
 
     poses: np.ndarray
+    """Poses of the sensor ``(N, 3)`` [m, m, rad]."""
     stamps: list
+    """sequence of int (N,) [ns]"""
     density: DensityMap
 
 

@@ -35,47 +35,31 @@ class CalibrationError(DbscanRegError):
 
 @dataclass(frozen=True, eq=False)
 class CalibratedLidar:
-    """Mounting and time offset of a lidar, so that it agrees with the first one.
-
-    Attributes
-    ----------
-    topic, frame_id : str
-    first : Mounting
-        Mounting of the first lidar, which counts as right.
-    given : Mounting
-        Mounting as given or recorded.
-    mounting : Mounting
-        Mounting by the scans.
-    given_offset : float [s]
-        ``input.time_offset`` of this lidar as given.
-    time_offset : float [s]
-        Value for ``input.time_offset`` of this lidar.
-    sigmas : (4,) float
-        Standard deviations of x, y [m] and yaw [rad] of `mounting`, and of `time_offset` [s].
-    observable : (4,) bool
-        Whether the drive determines each of them.
-    scans : int
-        Number of its scans that were compared with the map of the first lidar.
-    driven : float [m]
-    turned : float [rad]
-        Distance and rotation over which they were compared.
-    error : Disagreement
-        By how much the given values differ, by more than 1 cm, 0.3 deg or 10 ms and two standard deviations.
-    """
+    """Mounting and time offset of a lidar, so that it agrees with the first one."""
 
     topic: str
     frame_id: str
     first: Mounting
+    """Mounting of the first lidar, which counts as right."""
     given: Mounting
+    """Mounting as given or recorded."""
     mounting: Mounting
+    """Mounting by the scans."""
     given_offset: float
+    """``input.time_offset`` of this lidar as given [s]."""
     time_offset: float
+    """Value for ``input.time_offset`` of this lidar [s]."""
     sigmas: np.ndarray
+    """Standard deviations of x, y [m] and yaw [rad] of `mounting`, and of `time_offset` [s] ``(4,)``."""
     observable: np.ndarray
+    """Whether the drive determines each of them ``(4,)`` bool."""
     scans: int
+    """Number of its scans that were compared with the map of the first lidar."""
     driven: float
     turned: float
+    """Distance [m] and rotation [rad] over which they were compared."""
     error: Disagreement
+    """By how much the given values differ, by more than 1 cm, 0.3 deg or 10 ms and two standard deviations."""
 
     def values(self) -> list:
         """Return (name, value, standard deviation, unit) of each result, with angles in deg; value None: unknown."""

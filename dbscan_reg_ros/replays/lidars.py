@@ -56,18 +56,12 @@ def parse_mountings(given) -> dict:
 
 @dataclass(frozen=True)
 class Lidars:
-    """The lidars of recordings, as the user names them.
-
-    Attributes
-    ----------
-    topics : tuple of str
-        Topics of the scans, that of the first lidar first; empty if the recordings have only one.
-    mountings : dict
-        Topic -> `Mounting`, for the mountings that the user gave.
-    """
+    """The lidars of recordings, as the user names them."""
 
     topics: tuple[str, ...] = ()
+    """Topics of the scans, that of the first lidar first; empty if the recordings have only one."""
     mountings: dict = field(default_factory=dict)
+    """Topic -> `Mounting`, for the mountings that the user gave."""
 
     @property
     def first(self) -> str | None:
@@ -126,20 +120,13 @@ def mounting_in(recording: Recording, mountings, base_frame, option='--mounting 
 
 @dataclass(frozen=True, eq=False)
 class RecordedLidar:
-    """A lidar of a recording.
-
-    Attributes
-    ----------
-    recording : Recording
-        Recording with the topic of this lidar.
-    mounting : Mounting
-    limits : ScanParameters or None
-        Limits of its ranges and of its range noise; None for a single lidar.
-    """
+    """A lidar of a recording."""
 
     recording: Recording
+    """Recording with the topic of this lidar."""
     mounting: Mounting
     limits: ScanParameters | None
+    """Limits of its ranges and of its range noise; None for a single lidar."""
 
     def sensor(self, first: Mounting, rank: int) -> Sensor:
         """Return the `Sensor` of the scans of this lidar, which are rotated by the yaw of its mounting."""
@@ -257,21 +244,14 @@ def all_lidars(path, lidars, parameters) -> list:
 
 
 class Found(NamedTuple):
-    """Scans that `find_scans` found.
-
-    Attributes
-    ----------
-    scans : dict
-        Number of a wanted scan among those of all lidars -> `OfLidar`.
-    around : list of dict
-        For each lidar, the number of a scan among its own -> scan: the wanted scans and their neighbours.
-    read : int
-        Number of scans that were read.
-    """
+    """Scans that `find_scans` found."""
 
     scans: dict
-    around: list
+    """Number of a wanted scan among those of all lidars -> `OfLidar`."""
+    around: list[dict]
+    """For each lidar, the number of a scan among its own -> scan: the wanted scans and their neighbours."""
     read: int
+    """Number of scans that were read."""
 
 
 def find_scans(streams, numbers) -> Found:

@@ -26,17 +26,12 @@ WHEELS, GYROSCOPE = 'odometry', 'imu'
 
 
 class RecordedMotion(NamedTuple):
-    """What a recording says about the motion of the robot, as far as it is wanted and recorded.
-
-    Attributes
-    ----------
-    wheels : (stamps (N,) int64 [ns], poses (N, 3) float [m, m, rad]) or None
-        Wheel odometry of the base.
-    yaw_rates : (stamps (N,) int64 [ns], rates (N,) float [rad/s]) or None
-    """
+    """What a recording says about the motion of the robot, as far as it is wanted and recorded."""
 
     wheels: StampedPoses | None = None
+    """(stamps (N,) int64 [ns], poses (N, 3) float [m, m, rad]): wheel odometry of the base."""
     yaw_rates: StampedPoses | None = None
+    """(stamps (N,) int64 [ns], rates (N,) float [rad/s])"""
 
     def backward(self, ends) -> 'RecordedMotion':
         """Return the motion of the same drive backward in time; `ends` is the sum of its first and last stamp."""
@@ -106,30 +101,20 @@ def replayed_trajectory(recording, scans, lidars, parameters) -> Trajectory:
 
 @dataclass(eq=False)
 class LidarCounts:
-    """Scans of one lidar in a replay, by outcome.
-
-    Attributes
-    ----------
-    unused : int
-        Number of scans before the first and after the last scan of the first lidar, which are not used.
-    ignored : Counter
-        Number of scans that were not used, by reason: `ComparedLidar.reason`.
-    skipped : int
-        Number of scans that could not be used.
-    problem : str
-        Why the last skipped scan could not be used.
-    error : str
-        With which lidars it disagrees, and by how much, or why it was never used; empty if it agrees.
-    statuses : Counter
-        Number of the processed scans by `Status`.
-    """
+    """Scans of one lidar in a replay, by outcome."""
 
     unused: int = 0
+    """Number of scans before the first and after the last scan of the first lidar, which are not used."""
     ignored: Counter[str] = field(default_factory=Counter)
+    """Number of scans that were not used, by reason: `ComparedLidar.reason`."""
     skipped: int = 0
+    """Number of scans that could not be used."""
     problem: str = ''
+    """Why the last skipped scan could not be used."""
     error: str = ''
+    """With which lidars it disagrees, and by how much, or why it was never used; empty if it agrees."""
     statuses: Counter[Status] = field(default_factory=Counter)
+    """Number of the processed scans by `Status`."""
 
     def measures(self) -> dict:
         """Return the number of scans by outcome; ``scans`` is the number of all except the `unused` ones."""

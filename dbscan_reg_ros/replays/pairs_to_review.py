@@ -16,31 +16,21 @@ MOST_POINTS = 400
 
 @dataclass(frozen=True, eq=False)
 class PairToReview:
-    """Pair to review: a scan and the reference that it was registered to.
-
-    Attributes
-    ----------
-    number, reference_number : int
-        Numbers of the scan and of its reference among the scans used, from 0.
-    status : Status
-    overlap : float
-        Fraction of the scan's returns on the reference's surfaces, 0..1.
-    reason : str
-    reference, current : (P, 2) float [m]
-        Returns of the reference, and of the scan at its estimated pose, in the reference's frame.
-    reference_lines, current_lines : (K, 2, 2) float [m]
-        Start and end of the matched segments, in the reference's frame.
-    """
+    """Pair to review: a scan and the reference that it was registered to."""
 
     number: int
     reference_number: int
+    """Numbers of the scan and of its reference among the scans used, from 0."""
     status: Status
     overlap: float
+    """Fraction of the scan's returns on the reference's surfaces, 0..1."""
     reason: str
     reference: np.ndarray
     current: np.ndarray
+    """Returns of the reference, and of the scan at its estimated pose, in the reference's frame ``(P, 2)`` [m]."""
     reference_lines: np.ndarray
     current_lines: np.ndarray
+    """Start and end of the matched segments, in the reference's frame ``(K, 2, 2)`` [m]."""
 
 
 class PairsToReview:

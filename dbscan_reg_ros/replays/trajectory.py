@@ -15,56 +15,39 @@ from .lidars import turned
 
 @dataclass(eq=False)
 class Trajectory:
-    """Results of the odometry for the usable scans of a recording, in the order of the file.
-
-    Attributes
-    ----------
-    yaw : float
-        Angle [rad] by which `lidars.turned` rotated the scans before the odometry.
-    upside_down : bool
-        Whether the laser of the recording is mounted upside down.
-    stamps : list of int [ns]
-    poses : list of (x, y, theta) [m, m, rad]
-        Poses of the sensor, in the frame of the first scan.
-    statuses : list of Status
-    milliseconds : list of float
-        Processing time of each scan [ms].
-    processor_seconds : float
-        Processor time of all scans together [s].
-    used : list of bool
-        Whether each scan of the recording was used.
-    restarts : int
-        Number of restarts of the tracking at the last pose.
-    contradictions : int
-        Number of scans that contradict the wheels.
-    contradicted : (float, str)
-        By how much [m] one of them does most, and a sentence about it.
-    problems : list of str
-        For each scan that was not used, its number, from 0, and the reason.
-    numbers : list of int
-        Number of each scan of the recording among those of all lidars, as `ReplayOdometry.numbers`; empty for a
-        single lidar.
-    explanation : str
-        For the trajectory of another program: which scans have a pose in it, and why others have none.
-    interpolated : int
-        For the trajectory of another program: how many poses are interpolated between two of its poses.
-    """
+    """Results of the odometry for the usable scans of a recording, in the order of the file."""
 
     yaw: float = 0.0
+    """Angle [rad] by which `lidars.turned` rotated the scans before the odometry."""
     upside_down: bool = False
-    stamps: list = field(default_factory=list)
+    """Whether the laser of the recording is mounted upside down."""
+    stamps: list[int] = field(default_factory=list)
+    """[ns]"""
     poses: list = field(default_factory=list)
+    """list of (x, y, theta) [m, m, rad]: poses of the sensor, in the frame of the first scan."""
     statuses: list = field(default_factory=list)
-    milliseconds: list = field(default_factory=list)
+    """list of Status"""
+    milliseconds: list[float] = field(default_factory=list)
+    """Processing time of each scan [ms]."""
     processor_seconds: float = 0.0
-    used: list = field(default_factory=list)
-    problems: list = field(default_factory=list)
-    numbers: list = field(default_factory=list)
+    """Processor time of all scans together [s]."""
+    used: list[bool] = field(default_factory=list)
+    """Whether each scan of the recording was used."""
+    problems: list[str] = field(default_factory=list)
+    """For each scan that was not used, its number, from 0, and the reason."""
+    numbers: list[int] = field(default_factory=list)
+    """Number of each scan of the recording among those of all lidars, as `ReplayOdometry.numbers`; empty for a single
+    lidar."""
     restarts: int = 0
+    """Number of restarts of the tracking at the last pose."""
     explanation: str = ''
+    """For the trajectory of another program: which scans have a pose in it, and why others have none."""
     interpolated: int = 0
+    """For the trajectory of another program: how many poses are interpolated between two of its poses."""
     contradictions: int = 0
+    """Number of scans that contradict the wheels."""
     contradicted: tuple[float, str] = (0.0, '')
+    """By how much [m] one of them does most, and a sentence about it."""
 
     def follow(self, scans, odometry):
         """Process `scans` with `odometry`, an `Odometry` or a `ReplayOdometry`; yield each result."""

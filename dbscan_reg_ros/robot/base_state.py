@@ -21,43 +21,28 @@ _IDENTITY = SE2()
 
 @dataclass(frozen=True, eq=False)
 class BaseState:
-    """Pose and twist of the base at one scan.
-
-    Attributes
-    ----------
-    stamp : int
-        Stamp of the scan [ns].
-    pose : SE2
-        Pose of the base in the odometry frame.
-    covariance : (3, 3) float
-        Covariance of `pose`, for (x, y, theta) in the odometry frame [m, m, rad].
-    twist : (3,) float
-        Velocity (vx, vy, omega) of the base in its own frame [m/s, m/s, rad/s].
-    twist_covariance : (3, 3) float
-        Covariance of `twist`.
-    """
+    """Pose and twist of the base at one scan."""
 
     stamp: int
+    """Stamp of the scan [ns]."""
     pose: SE2
+    """Pose of the base in the odometry frame."""
     covariance: NDArray[np.float64]
+    """Covariance of `pose`, for (x, y, theta) in the odometry frame [m, m, rad] ``(3, 3)``."""
     twist: NDArray[np.float64]
+    """Velocity (vx, vy, omega) of the base in its own frame [m/s, m/s, rad/s] ``(3,)``."""
     twist_covariance: NDArray[np.float64]
+    """Covariance of `twist` ``(3, 3)``."""
 
 
 @dataclass(frozen=True, eq=False)
 class InitialPose:
-    """Pose of the base when the odometry starts.
-
-    Attributes
-    ----------
-    pose : SE2
-        Pose in the odometry frame.
-    covariance : (3, 3) float
-        Covariance of `pose`, for (x, y, theta) in the odometry frame [m, m, rad].
-    """
+    """Pose of the base when the odometry starts."""
 
     pose: SE2 = _IDENTITY
+    """Pose in the odometry frame."""
     covariance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
+    """Covariance of `pose`, for (x, y, theta) in the odometry frame [m, m, rad] ``(3, 3)``."""
 
 
 AT_ORIGIN = InitialPose()

@@ -26,36 +26,23 @@ class GridError(DbscanRegError, ValueError):
 
 
 class Patch(NamedTuple):
-    """Cells that one scan observes.
-
-    Attributes
-    ----------
-    corner : (2,) int
-        Numbers (x, y) of the cell ``states[0, 0]``.
-    states : (H, W) uint8
-        `NOT_SEEN`, `PASSED` by a ray, or `HIT`; the rows are in the order of y.
-    """
+    """Cells that one scan observes."""
 
     corner: NDArray[np.int64]
+    """Numbers (x, y) of the cell ``states[0, 0]`` ``(2,)`` int."""
     states: NDArray[np.uint8]
+    """`NOT_SEEN`, `PASSED` by a ray, or `HIT` ``(H, W)`` uint8; the rows are in the order of y."""
 
 
 class OccupancyGrid(NamedTuple):
-    """A map of cells.
-
-    Attributes
-    ----------
-    values : (H, W) int8
-        `FREE`, `OCCUPIED` or `UNKNOWN`; the rows are in the order of y.
-    corner : (float, float)
-        Position of the corner of ``values[0, 0]`` with the smallest x and y, in the map frame [m].
-    resolution : float
-        Side of a cell [m].
-    """
+    """A map of cells."""
 
     values: NDArray[np.int8]
+    """`FREE`, `OCCUPIED` or `UNKNOWN` ``(H, W)`` int8; the rows are in the order of y."""
     corner: tuple[float, float]
+    """Position of the corner of ``values[0, 0]`` with the smallest x and y, in the map frame [m]."""
     resolution: float
+    """Side of a cell [m]."""
 
 
 def trace_rays(points: NDArray[np.float64], sensor: NDArray[np.float64], resolution: float, reach: float) -> Patch:

@@ -37,19 +37,13 @@ FARTHEST = 3.0
 
 
 class BodySector(NamedTuple):
-    """A sector in which the robot itself is seen.
-
-    Attributes
-    ----------
-    first, last : float [rad]
-        Bearings, counter-clockwise in the frame of the scan.
-    range : float [m]
-        Smallest median range.
-    """
+    """A sector in which the robot itself is seen."""
 
     first: float
     last: float
+    """Bearings, counter-clockwise in the frame of the scan [rad]."""
     range: float
+    """Smallest median range [m]."""
 
     def in_lidar(self, mounting: Mounting) -> 'BodySector':
         """Return the sector in the frame of the lidar, if that of the scan has the axes of the base."""

@@ -28,31 +28,20 @@ NAMELESS = ('',)
 
 @dataclass(frozen=True)
 class LidarParameters:
-    """Parameters of one lidar, from either form.
-
-    Attributes
-    ----------
-    topic : str
-    input : InputParameters
-        With the mask, the time offset and the type of this lidar.
-    scan : ScanParameters
-        Limits of its ranges and of its range noise.
-    mounting : str
-    laser_pose : (float, float, float)
-        [m, m, rad]
-    upside_down : bool
-        As the parameters of these names.
-    name : str
-        Its name in ``sensors``; empty if it has none.
-    """
+    """Parameters of one lidar, from either form."""
 
     topic: str
     input: InputParameters
+    """With the mask, the time offset and the type of this lidar."""
     scan: ScanParameters
+    """Limits of its ranges and of its range noise."""
     mounting: str
     laser_pose: tuple[float, ...]
+    """[m, m, rad]"""
     upside_down: bool
+    """As the parameters of these names."""
     name: str = field(default='', compare=False)
+    """Its name in ``sensors``; empty if it has none."""
 
 
 def name_in_frame(topic: str, frame: str) -> str:

@@ -12,22 +12,15 @@ from .simulate import START
 
 @dataclass(frozen=True)
 class WheelErrors:
-    """Errors of wheel odometry.
-
-    Attributes
-    ----------
-    scale : (float, float)
-        Ratio of measured to true distance and rotation.
-    noise : (float, float)
-        Standard deviation of the error of each step, as a fraction of its distance and of its rotation; the second
-        value is also the standard deviation of the rotation error per distance [rad/m].
-    slips : sequence of (begin, end, factor)
-        From `begin` to `end` [s] the wheels measure `factor` times the true distance.
-    """
+    """Errors of wheel odometry."""
 
     scale: tuple[float, float] = (1.02, 0.98)
+    """Ratio of measured to true distance and rotation."""
     noise: tuple[float, float] = (0.02, 0.02)
+    """Standard deviation of the error of each step, as a fraction of its distance and of its rotation; the second value
+    is also the standard deviation of the rotation error per distance [rad/m]."""
     slips: Sequence[tuple[float, float, float]] = ()
+    """From `begin` to `end` [s] the wheels measure `factor` times the true distance."""
 
 
 USUAL_ERRORS = WheelErrors()

@@ -15,63 +15,44 @@ OUTLIER_RANGE = 10.0
 
 @dataclass(frozen=True)
 class Lidar:
-    """A 2D lidar.
-
-    Attributes
-    ----------
-    beams : int
-    angle_min, angle_increment : float [rad]
-        Bearing of the first beam and step between beams; a negative increment means clockwise beams.
-    range_min, range_max : float [m]
-        Limits of the ranges; surfaces nearer or farther give no return.
-    rate : float [Hz]
-        Number of scans per second.
-    phase : float [s]
-        Time from the start of the path to the first scan.
-    duration : float [s]
-        Time from the first to the last beam; with 0 all beams are measured at once.
-    noise : float [m]
-        Lower limit of the standard deviation of a range.
-    noise_ratio : float
-        Standard deviation of a range as a fraction of the range, where this is above `noise`.
-    dropouts, outliers : float
-        Fraction of the beams without a return, and fraction with a random range between `range_min` and at most 10 m.
-    resolution : float [m]
-        Ranges are rounded to multiples of this; with 0 they are not rounded.
-    mounting : SE2
-        Pose of the sensor on the robot.
-    no_return : float [m]
-        Range that the driver sends for a beam without a return.
-    stated : tuple of float [m]
-        Smallest and largest range that the driver states, if it does not state `range_min` and `range_max`.
-    beams_vary : int
-        The number of beams of a scan differs from `beams` by at most this.
-    reversed : bool
-        The driver sends the beams in the reverse order of their measurement, although its time increment is positive.
-    body : tuple of (float, float, float) [rad, rad, m]
-        Sectors in which the lidar sees the robot itself: first and last bearing, and range.
-    """
+    """A 2D lidar."""
 
     beams: int = 180
     angle_min: float = -0.5 * math.pi
     angle_increment: float = math.pi / 180.0
+    """Bearing of the first beam and step between beams [rad]; a negative increment means clockwise beams."""
     range_min: float = 0.05
     range_max: float = 30.0
+    """Limits of the ranges [m]; surfaces nearer or farther give no return."""
     rate: float = 10.0
+    """Number of scans per second [Hz]."""
     duration: float = 0.0
+    """Time from the first to the last beam [s]; with 0 all beams are measured at once."""
     noise: float = 0.01
+    """Lower limit of the standard deviation of a range [m]."""
     noise_ratio: float = 0.0
+    """Standard deviation of a range as a fraction of the range, where this is above `noise`."""
     dropouts: float = 0.0
     outliers: float = 0.0
+    """Fraction of the beams without a return, and fraction with a random range between `range_min` and at most 10 m."""
     resolution: float = 0.0
+    """Ranges are rounded to multiples of this [m]; with 0 they are not rounded."""
     mounting: SE2 = field(default_factory=SE2)
+    """Pose of the sensor on the robot."""
     frame_id: str = 'laser'
     phase: float = 0.0
+    """Time from the start of the path to the first scan [s]."""
     no_return: float = math.inf
+    """Range that the driver sends for a beam without a return [m]."""
     stated: tuple[float, float] | tuple[()] = ()
+    """Smallest and largest range that the driver states, if it does not state `range_min` and `range_max` [m]."""
     beams_vary: int = 0
+    """The number of beams of a scan differs from `beams` by at most this."""
     reversed: bool = False
+    """The driver sends the beams in the reverse order of their measurement, although its time increment is positive."""
     body: tuple[tuple[float, float, float], ...] = ()
+    """tuple of (float, float, float) [rad, rad, m]: sectors in which the lidar sees the robot itself: first and last
+    bearing, and range."""
 
     @cached_property
     def geometry(self) -> ScanGeometry:

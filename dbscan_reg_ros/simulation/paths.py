@@ -18,18 +18,12 @@ STRAIGHT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Pose of a robot over time, interpolated linearly between K points.
-
-    Attributes
-    ----------
-    times : (K,) float [s]
-        Times of the points, increasing from 0.
-    poses : (K, 3) float
-        Poses of the points: x, y [m], theta [rad], not wrapped.
-    """
+    """Pose of a robot over time, interpolated linearly between K points."""
 
     times: np.ndarray
+    """Times of the points, increasing from 0 ``(K,)`` [s]."""
     poses: np.ndarray
+    """Poses of the points ``(K, 3)``: x, y [m], theta [rad], not wrapped."""
 
     @property
     def duration(self):

@@ -22,24 +22,17 @@ TOPICS = {'/scan': 'sensor_msgs/msg/LaserScan', '/wheel_odom': ODOMETRY, '/imu':
 
 @dataclass(frozen=True, eq=False)
 class RobotRecording:
-    """Sensor data that a simulated robot records along one path.
-
-    Attributes
-    ----------
-    simulation : Simulation
-        The scans of the first lidar, and its true poses.
-    wheels : (stamps (N,) int64 [ns], poses (N, 3) float [m, m, rad])
-        Wheel odometry of the robot, from `wheel_odometry`.
-    turning : (stamps (N,) int64 [ns], rates (N,) [rad/s])
-        Yaw rates of the gyroscope, from `yaw_rates`.
-    others : tuple of Simulation
-        Scans of further lidars on the same path, written to the topics ``/scan_2``, ``/scan_3`` and so on.
-    """
+    """Sensor data that a simulated robot records along one path."""
 
     simulation: Simulation
+    """The scans of the first lidar, and its true poses."""
     wheels: tuple
+    """(stamps (N,) int64 [ns], poses (N, 3) float [m, m, rad]): wheel odometry of the robot, from `wheel_odometry`."""
     turning: tuple = field(default_factory=lambda: (np.empty(0, dtype=np.int64), np.empty(0)))
+    """(stamps (N,) int64 [ns], rates (N,) [rad/s]): yaw rates of the gyroscope, from `yaw_rates`."""
     others: tuple = ()
+    """tuple of Simulation: scans of further lidars on the same path, written to the topics ``/scan_2``, ``/scan_3`` and
+    so on."""
 
     def write(self, target) -> Counter:
         """Write a CARMEN log (``NAME.log``, ``NAME.log.gz``) or a ROS 2 bag; return kind or topic -> message count.

@@ -17,17 +17,12 @@ START = 1_700_000_000 * 10**9
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """A simulated recording.
-
-    Attributes
-    ----------
-    scans : list of Scan
-    truth : (N, 3) float
-        Pose x, y [m], theta [rad] of the *sensor* in the world at the stamp of each scan, the time of its first beam.
-    """
+    """A simulated recording."""
 
     scans: list[Scan]
     truth: np.ndarray
+    """Pose x, y [m], theta [rad] of the *sensor* in the world at the stamp of each scan, the time of its first beam
+    ``(N, 3)``."""
     world: World
     path: Path
     lidar: Lidar

@@ -37,23 +37,16 @@ class Person:
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """Everything that a beam can hit.
-
-    Attributes
-    ----------
-    segments : (S, 2, 2) float [m]
-        Start and end of each piece of wall.
-    tour : (W, 2) float [m]
-        Way points at a distance from all walls, columns and furniture.
-    circles : (C, 3) float [m]
-        Centre and radius of each column.
-    people : tuple of Person
-    """
+    """Everything that a beam can hit."""
 
     segments: np.ndarray
+    """Start and end of each piece of wall ``(S, 2, 2)`` [m]."""
     tour: np.ndarray
+    """Way points at a distance from all walls, columns and furniture ``(W, 2)`` [m]."""
     circles: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    """Centre and radius of each column ``(C, 3)`` [m]."""
     people: tuple = ()
+    """tuple of Person"""
 
     def circles_at(self, time):
         """Return centre and radius (C + P, 3) [m] of all columns and people at `time` [s]."""

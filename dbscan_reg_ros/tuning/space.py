@@ -14,25 +14,17 @@ LOG_RATIO = 3.0
 
 @dataclass(frozen=True)
 class Axis:
-    """One parameter of the search space.
-
-    Attributes
-    ----------
-    name : str
-        Full name of the parameter.
-    kind : type
-        float, int, bool or str.
-    low, high : float
-        Bounds of a number.
-    choices : tuple
-        Values of a parameter that is not a number.
-    """
+    """One parameter of the search space."""
 
     name: str
+    """Full name of the parameter."""
     kind: type
+    """float, int, bool or str."""
     low: float = 0.0
     high: float = 0.0
+    """Bounds of a number."""
     choices: tuple = ()
+    """Values of a parameter that is not a number."""
 
     @property
     def is_log(self):

@@ -55,6 +55,97 @@ COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 
            'sparse_crowd', 'corridor_1m')
 
 
+def option(*names, **settings):
+    """Return the arguments of ``add_argument``."""
+    return names, settings
+
+
+PROCESSES = option('--processes', type=positive, metavar='N', help='at a time (default: one for each processor)')
+OPTIONS = {
+    'odometry': [
+        option('--view', choices=VIEWS, default='drift',
+               help='; '.join(f'{name}: {summary}' for name, summary in VIEWS.items()) + ' (default: drift)'),
+        option('--course', nargs='+', metavar='NAME', help=f'only these, of {", ".join(COURSES)}'),
+        option('--prior', choices=('none', 'wheel', 'imu'), default='none',
+               help='source of the external prior, for drift and honesty; wheel: the odometry of the log, '
+               'compared with laser only on Intel; imu: the true rotations, 1 %% too large, with noise of '
+               '3 mrad'),
+        option('--poses', type=Path, metavar='FILE.csv',
+               help='write the poses of dbscan on the first course as index,x,y,theta,ms'),
+        option('--copies', type=positive, metavar='N',
+               help='drift: mean and two standard errors (+-) over N copies of each course with 2 mm of '
+               'noise on the ranges, without bounds'),
+        option('--seeds', type=positive, metavar='N',
+               help='the first N seeds, of courses that take seeds (worst: 10)'),
+        PROCESSES],
+    'confidence': [
+        option('--fit', action='store_true', help='fit the coefficients and print them'),
+        PROCESSES],
+    'sensors': [
+        option('--sensor', nargs='+', metavar='NAME', help='only the lidars of these parameter files'),
+        option('--seeds', type=positive, default=2, metavar='N', help='drives of each world (default: 2)'),
+        option('--seconds', type=positive, default=15, metavar='S', help='length of a drive (default: 15)'),
+        PROCESSES],
+    'lidars': [
+        option('--only', nargs='+', choices=('wrong', 'body', 'number', 'silent', 'heights'),
+               help='only these tables: a wrong second or first lidar, own body and cross-talk, number of '
+               'lidars, one lidar silent for a while, pairs of lidars at different heights'),
+        option('--seeds', type=positive, default=5, metavar='N',
+               help='drives of each kind in the last four tables; four pairs for each (default: 5)'),
+        PROCESSES],
+    'overlap': [
+        option('--pairs', type=positive, default=500, metavar='N',
+               help='of each class and world (default: 500)'),
+        option('--lidar', nargs='+', metavar='DEG', help='only these fields of view, of 180, 270, 360'),
+        option('--world', nargs='+', metavar='NAME',
+               help='only these, of corridors, halls, rooms, and each of them '
+               'after busy_: with people and clutter'),
+        option('--motion', nargs='+', metavar='NAME',
+               help='only these, of any and near (within 1.5 m and 0.6 rad)'),
+        option('--noise', nargs='+', metavar='NAME', help='only these, of low and high'),
+        PROCESSES],
+    'ablation': [
+        option('--feature', nargs='+', metavar='NAME', help='only these; a wrong name lists all'),
+        option('--course', nargs='+', metavar='NAME',
+               help='on these courses instead of those named for each feature'),
+        option('--copies', type=positive, metavar='N', help='of each course with 2 mm of noise on the ranges '
+               '(default: 4; 2 with --quick)'),
+        option('--quick', action='store_true', help='only the first 150 scans of one drive of each course, '
+               'and only the courses named for a feature'),
+        option('--cache', type=Path, metavar='DIR', default=Path('results/ablation'),
+               help='keep the results in this folder: an interrupted run continues (default: %(default)s)'),
+        PROCESSES],
+    'speed': [
+        option('--against', metavar='COMMIT',
+               help='instead: time of a scan in the odometry, this source tree and COMMIT in turns'),
+        option('--calls', action='store_true',
+               help='instead: functions, calls and objects of a tracked scan in the odometry')],
+    'node': [
+        option('--against', metavar='COMMIT',
+               help='the node of this source tree and that of COMMIT in turns, with one lidar')],
+    'places': [
+        option('--seeds', type=positive, default=3, metavar='N', help='simulated floors (default: 3)'),
+        option('--only', nargs='+', help='only these tables',
+               choices=('intel', 'vote', 'grids', 'floors', 'wings', 'carried', 'outside'))],
+    'fingerprint': [
+        option('--against', metavar='COMMIT', required=True,
+               help='the commit that this source tree is compared with'),
+        option('--quick', action='store_true',
+               help='only the first 500 scans of each recording, 200 of three drives of each '
+               'course, and 50 pairs'),
+        option('--only', nargs='+', metavar='NAME',
+               help='only these drives: the recordings and simulated courses by '
+               'their names, intel_wheels, mounted, upside_down, moving, the same three after node_, and '
+               'pairs'),
+        option('--cache', type=Path, metavar='DIR',
+               help='keep the scans, and the results of the other commit, '
+               'in this folder (default: results/fingerprint)')],
+    'page': [option('--only', nargs='+', choices=('report', 'live'), help='only these tables')],
+    'paper': [option('--only', nargs='+', choices=('table1', 'table3', 'figure4', 'steps'), help='only these tables')],
+}
+"""Benchmark -> its options."""
+
+
 def main(argv=None) -> int:
     """Run one benchmark; 1 when a bound is missed, 2 for bad input."""
     return run(make_parser(), bench, argv, outlasts=False)
@@ -78,134 +169,9 @@ def make_parser():
                              help='at most N trials of each kind, evenly spread; of each drive the first N scans')
         command.add_argument('-v', '--verbose', action='store_true',
                              help='list every trial that failed or was not OK; show the traceback of an error')
-        if name in ADDED:
-            ADDED[name](command)
+        for names, settings in OPTIONS.get(name, ()):
+            command.add_argument(*names, **settings)
     return parser
-
-
-def add_processes(command):
-    """Add the option ``--processes`` to a command."""
-    command.add_argument('--processes', type=positive, metavar='N', help='at a time (default: one for each processor)')
-
-
-def add_odometry(command):
-    """Add the options of ``bench odometry``."""
-    command.add_argument('--view', choices=VIEWS, default='drift',
-                         help='; '.join(f'{name}: {summary}' for name, summary in VIEWS.items()) + ' (default: drift)')
-    command.add_argument('--course', nargs='+', metavar='NAME', help=f'only these, of {", ".join(COURSES)}')
-    command.add_argument('--prior', choices=('none', 'wheel', 'imu'), default='none',
-                         help='source of the external prior, for drift and honesty; wheel: the odometry of the log, '
-                         'compared with laser only on Intel; imu: the true rotations, 1 %% too large, with noise of '
-                         '3 mrad')
-    command.add_argument('--poses', type=Path, metavar='FILE.csv',
-                         help='write the poses of dbscan on the first course as index,x,y,theta,ms')
-    command.add_argument('--copies', type=positive, metavar='N',
-                         help='drift: mean and two standard errors (+-) over N copies of each course with 2 mm of '
-                         'noise on the ranges, without bounds')
-    command.add_argument('--seeds', type=positive, metavar='N',
-                         help='the first N seeds, of courses that take seeds (worst: 10)')
-    add_processes(command)
-
-
-def add_confidence(command):
-    """Add the options of ``bench confidence``."""
-    command.add_argument('--fit', action='store_true', help='fit the coefficients and print them')
-    add_processes(command)
-
-
-def add_only(*tables):
-    """Return what adds the option ``--only``, which takes names of `tables`, to a command."""
-    return lambda command: command.add_argument('--only', nargs='+', choices=tables, help='only these tables')
-
-
-def add_sensors(command):
-    """Add the options of ``bench sensors``."""
-    command.add_argument('--sensor', nargs='+', metavar='NAME', help='only the lidars of these parameter files')
-    command.add_argument('--seeds', type=positive, default=2, metavar='N', help='drives of each world (default: 2)')
-    command.add_argument('--seconds', type=positive, default=15, metavar='S', help='length of a drive (default: 15)')
-    add_processes(command)
-
-
-def add_lidars(command):
-    """Add the options of ``bench lidars``."""
-    command.add_argument('--only', nargs='+', choices=('wrong', 'body', 'number', 'silent', 'heights'),
-                         help='only these tables: a wrong second or first lidar, own body and cross-talk, number of '
-                         'lidars, one lidar silent for a while, pairs of lidars at different heights')
-    command.add_argument('--seeds', type=positive, default=5, metavar='N',
-                         help='drives of each kind in the last four tables; four pairs for each (default: 5)')
-    add_processes(command)
-
-
-def add_overlap(command):
-    """Add the options of ``bench overlap``."""
-    command.add_argument('--pairs', type=positive, default=500, metavar='N',
-                         help='of each class and world (default: 500)')
-    command.add_argument('--lidar', nargs='+', metavar='DEG', help='only these fields of view, of 180, 270, 360')
-    command.add_argument('--world', nargs='+', metavar='NAME',
-                         help='only these, of corridors, halls, rooms, and each of them '
-                         'after busy_: with people and clutter')
-    command.add_argument('--motion', nargs='+', metavar='NAME',
-                         help='only these, of any and near (within 1.5 m and 0.6 rad)')
-    command.add_argument('--noise', nargs='+', metavar='NAME', help='only these, of low and high')
-    add_processes(command)
-
-
-def add_ablation(command):
-    """Add the options of ``bench ablation``."""
-    command.add_argument('--feature', nargs='+', metavar='NAME', help='only these; a wrong name lists all')
-    command.add_argument('--course', nargs='+', metavar='NAME',
-                         help='on these courses instead of those named for each feature')
-    command.add_argument('--copies', type=positive, metavar='N', help='of each course with 2 mm of noise on the ranges '
-                         '(default: 4; 2 with --quick)')
-    command.add_argument('--quick', action='store_true', help='only the first 150 scans of one drive of each course, '
-                         'and only the courses named for a feature')
-    command.add_argument('--cache', type=Path, metavar='DIR', default=Path('results/ablation'),
-                         help='keep the results in this folder: an interrupted run continues (default: %(default)s)')
-    add_processes(command)
-
-
-def add_speed(command):
-    """Add the options of ``bench speed``."""
-    command.add_argument('--against', metavar='COMMIT',
-                         help='instead: time of a scan in the odometry, this source tree and COMMIT in turns')
-    command.add_argument('--calls', action='store_true',
-                         help='instead: functions, calls and objects of a tracked scan in the odometry')
-
-
-def add_node(command):
-    """Add the options of ``bench node``."""
-    command.add_argument('--against', metavar='COMMIT',
-                         help='the node of this source tree and that of COMMIT in turns, with one lidar')
-
-
-def add_places(command):
-    """Add the options of ``bench places``."""
-    command.add_argument('--seeds', type=positive, default=3, metavar='N', help='simulated floors (default: 3)')
-    command.add_argument('--only', nargs='+', help='only these tables',
-                         choices=('intel', 'vote', 'grids', 'floors', 'wings', 'carried', 'outside'))
-
-
-def add_fingerprint(command):
-    """Add the options of ``bench fingerprint``."""
-    command.add_argument('--against', metavar='COMMIT', required=True,
-                         help='the commit that this source tree is compared with')
-    command.add_argument('--quick', action='store_true',
-                         help='only the first 500 scans of each recording, 200 of three drives of each '
-                         'course, and 50 pairs')
-    command.add_argument('--only', nargs='+', metavar='NAME',
-                         help='only these drives: the recordings and simulated courses by '
-                         'their names, intel_wheels, mounted, upside_down, moving, the same three after node_, and '
-                         'pairs')
-    command.add_argument('--cache', type=Path, metavar='DIR',
-                         help='keep the scans, and the results of the other commit, '
-                         'in this folder (default: results/fingerprint)')
-
-
-ADDED = {'odometry': add_odometry, 'node': add_node, 'speed': add_speed, 'overlap': add_overlap,
-         'sensors': add_sensors, 'ablation': add_ablation, 'fingerprint': add_fingerprint, 'places': add_places,
-         'lidars': add_lidars, 'confidence': add_confidence, 'page': add_only('report', 'live'),
-         'paper': add_only('table1', 'table3', 'figure4', 'steps')}
-"""Benchmark -> what adds its options."""
 
 
 def bench(args):

@@ -58,20 +58,13 @@ WORKERS = 2
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two records of one drive.
-
-    Attributes
-    ----------
-    drive : str
-    differing : (N,) bool
-        Which of its scans, or pairs, are not the same to the last bit.
-    largest : dict
-        Name of what was recorded -> largest difference, of all that differ; for texts how many differ.
-    """
+    """Two records of one drive."""
 
     drive: str
     differing: np.ndarray
+    """Which of its scans, or pairs, are not the same to the last bit ``(N,)`` bool."""
     largest: dict = field(default_factory=dict)
+    """Name of what was recorded -> largest difference, of all that differ; for texts how many differ."""
 
     @property
     def first(self):

@@ -18,20 +18,13 @@ def machine() -> str:
 
 @dataclass
 class Report:
-    """What a benchmark measured.
-
-    Attributes
-    ----------
-    metrics : dict
-        Method -> metric -> number.
-    missed : list of str
-        One line for each bound that ours misses.
-    tables : list of str
-    """
+    """What a benchmark measured."""
 
     metrics: dict = field(default_factory=dict)
-    missed: list = field(default_factory=list)
-    tables: list = field(default_factory=list)
+    """Method -> metric -> number."""
+    missed: list[str] = field(default_factory=list)
+    """One line for each bound that ours misses."""
+    tables: list[str] = field(default_factory=list)
 
     def add(self, title, rows, bounds, shown=None, prefix=''):
         """Add a table of `rows` (method -> metric -> number), of the metrics `shown` or all of them.

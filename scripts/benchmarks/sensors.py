@@ -44,24 +44,16 @@ OK_BOUNDS = {True: at_least(0.95), False: at_least(0.7)}
 
 
 class Drive(NamedTuple):
-    """The odometry on one drive.
-
-    Attributes
-    ----------
-    metres : (M,) float
-        Errors of the motions over 1 m [m].
-    certain : (M,) bool
-        Whether the true surfaces constrain all scans of each of these motions.
-    ok : (N,) bool
-        Whether each scan is `OK`.
-    constrained : (N,) bool
-        Whether the true surfaces constrain it.
-    """
+    """The odometry on one drive."""
 
     metres: np.ndarray
+    """Errors of the motions over 1 m [m] ``(M,)``."""
     certain: np.ndarray
+    """Whether the true surfaces constrain all scans of each of these motions ``(M,)`` bool."""
     ok: np.ndarray
+    """Whether each scan is `OK` ``(N,)`` bool."""
     constrained: np.ndarray
+    """Whether the true surfaces constrain it ``(N,)`` bool."""
 
 
 def measure(args) -> Report:

@@ -18,18 +18,12 @@ ROTATION_LIMIT = math.radians(2.0)
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Two scans and the truth: the pose of `current` in the frame of `reference`.
-
-    Attributes
-    ----------
-    group : str
-        The rate that it counts for, for example ``pairs_s5``.
-    label : str
-        Which one it is, for a human reader.
-    """
+    """Two scans and the truth: the pose of `current` in the frame of `reference`."""
 
     group: str
+    """The rate that it counts for, for example ``pairs_s5``."""
     label: str
+    """Which one it is, for a human reader."""
     reference: Scan
     current: Scan
     truth: SE2

@@ -22,23 +22,16 @@ from .scan_reader import MountingSource, ScanMessage, ScanReader
 
 
 class Callbacks(NamedTuple):
-    """What is done with the scans of the lidars.
-
-    Attributes
-    ----------
-    patience, handle, passed : callable
-        As in `ScanInbox`, with the lidar as the first argument.
-    lidar_of : callable
-        ``lidar_of(lidar, frame)`` returns the lidar of a further frame on the topic of `lidar`: it, or another.
-    buffer : ScanBuffer
-        As in `ScanTopic`.
-    """
+    """What is done with the scans of the lidars."""
 
     patience: Callable[['Lidar', ScanMessage], float]
     handle: Callable[['Lidar', ScanMessage], None]
     passed: Callable[['Lidar'], None]
+    """As in `ScanInbox`, with the lidar as the first argument."""
     lidar_of: Callable[['Lidar', str], 'Lidar']
+    """``lidar_of(lidar, frame)`` returns the lidar of a further frame on the topic of `lidar`: it, or another."""
     buffer: ScanBuffer[tuple[ScanMessage, float]]
+    """As in `ScanTopic`."""
 
 
 class Lidar:

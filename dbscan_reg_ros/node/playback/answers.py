@@ -11,30 +11,20 @@ from numpy.typing import NDArray
 
 @dataclass
 class Answers:
-    """Odometry that a node published for the scans played to it.
-
-    Attributes
-    ----------
-    stamps : list of int
-        Stamps of all scans published [ns], in order.
-    messages : list of nav_msgs.msg.Odometry or None
-        Odometry message for each scan; None if none was received.
-    delays : list of float
-        Time [s] from publishing each scan to receiving its odometry; nan if none was received.
-    unexpected_stamps : list of int
-        Stamps [ns] of odometry messages that do not match a scan that still lacks its odometry.
-    passed : Counter
-        Topic -> number of messages published on this topic; scans are not counted.
-    damaged : Counter
-        Topic -> number of messages that could not be decoded.
-    """
+    """Odometry that a node published for the scans played to it."""
 
     stamps: list[int] = field(default_factory=list)
+    """Stamps of all scans published [ns], in order."""
     messages: list[Odometry | None] = field(default_factory=list)
+    """Odometry message for each scan; None if none was received."""
     delays: list[float] = field(default_factory=list)
+    """Time [s] from publishing each scan to receiving its odometry; nan if none was received."""
     unexpected_stamps: list[int] = field(default_factory=list)
+    """Stamps [ns] of odometry messages that do not match a scan that still lacks its odometry."""
     passed: Counter[str] = field(default_factory=Counter)
+    """Topic -> number of messages published on this topic; scans are not counted."""
     damaged: Counter[str] = field(default_factory=Counter)
+    """Topic -> number of messages that could not be decoded."""
 
     @property
     def lost(self) -> int:

@@ -40,25 +40,19 @@ PLANAR = np.array((0, 1, 5))
 
 
 class WatchedScan(NamedTuple):
-    """One scan with the odometry that the node published for this scan.
-
-    Attributes
-    ----------
-    stamp : int [ns]
-    points : (P, 2) float [m]
-        Returns in the frame of the sensor; if it is mounted upside down, in the frame of an upright sensor.
-    pose : SE2
-        Pose of the sensor in the odometry frame.
-    covariance : (3, 3) float [m, m, rad]
-        Covariance of the pose (x, y, theta) of the base, in the odometry frame.
-    speed : float [m/s]
-    """
+    """One scan with the odometry that the node published for this scan."""
 
     stamp: int
+    """[ns]"""
     points: NDArray[np.float64]
+    """Returns in the frame of the sensor ``(P, 2)`` [m]; if it is mounted upside down, in the frame of an upright
+    sensor."""
     pose: SE2
+    """Pose of the sensor in the odometry frame."""
     covariance: NDArray[np.float64]
+    """Covariance of the pose (x, y, theta) of the base, in the odometry frame ``(3, 3)`` [m, m, rad]."""
     speed: float
+    """[m/s]"""
 
 
 class Listener:

@@ -20,20 +20,13 @@ POINT_CLOUD = 'sensor_msgs/msg/PointCloud2'
 
 @dataclass(frozen=True)
 class CloudParameters:
-    """What is needed to make scans of the point clouds of one lidar.
-
-    Attributes
-    ----------
-    base_frame : str
-    input : InputParameters
-        With the band of heights.
-    mounting : Mounting or None
-        Mounting of the lidar, at the height of the base; None: the transform on ``/tf_static``.
-    """
+    """What is needed to make scans of the point clouds of one lidar."""
 
     base_frame: str
     input: InputParameters
+    """With the band of heights."""
     mounting: Mounting | None = None
+    """Mounting of the lidar, at the height of the base; None: the transform on ``/tf_static``."""
 
     @classmethod
     def of(cls, parameters: NodeParameters | None = None, topic: str | None = None,

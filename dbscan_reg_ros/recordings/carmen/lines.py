@@ -33,32 +33,22 @@ _geometry = lru_cache(maxsize=16)(ScanGeometry)
 
 
 class Line(NamedTuple):
-    """The data of a line of the log that contains a scan.
-
-    Attributes
-    ----------
-    stamp : int [ns]
-        Stamp in the line, not corrected; see `stamps.mend`.
-    ranges : (N,) float [m]
-        Readings as written in the line, codes for missing returns included.
-    missing : (N,) bool
-        Readings that mean a missing return in lines of this kind.
-    start, step : float [rad]
-        Bearing of the first beam, and step from one beam to the next.
-    range_max : float [m]
-        Readings beyond this are missing returns.
-    laser_pose, robot_pose : tuple
-        x [m], y [m], theta [rad]; None if the line has no poses.
-    """
+    """The data of a line of the log that contains a scan."""
 
     stamp: int
+    """Stamp in the line, not corrected [ns]; see `stamps.mend`."""
     ranges: np.ndarray
+    """Readings as written in the line, codes for missing returns included ``(N,)`` [m]."""
     missing: np.ndarray
+    """Readings that mean a missing return in lines of this kind ``(N,)`` bool."""
     start: float
     step: float
+    """Bearing of the first beam, and step from one beam to the next [rad]."""
     range_max: float
+    """Readings beyond this are missing returns [m]."""
     laser_pose: tuple | None = None
     robot_pose: tuple | None = None
+    """x [m], y [m], theta [rad]; None if the line has no poses."""
 
     def geometry(self, settings) -> ScanGeometry:
         """Return the geometry of the scan; raise ScanError if the angles are invalid."""

@@ -137,31 +137,21 @@ class Poses(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """Properties of the scans of a whole log.
-
-    Attributes
-    ----------
-    stamps : list of int (N,) [ns]
-        Corrected stamps from `stamps.mend`.
-    laser, robot : (N, 3) float [m, m, rad]
-        Poses of the laser, and poses of the robot from wheel odometry.
-    corrected : bool
-        Whether the laser's poses are the ground truth.
-    no_return : float [m] or None
-        Smallest range that means "no return", from `NoReturn.limit`.
-    notes : list of str
-        Assumptions that were made.
-    mounting : SE2 or None
-        Pose of the laser on the robot, if its offset in the poses of the lines is constant and not zero.
-    """
+    """Properties of the scans of a whole log."""
 
     stamps: list
+    """list of int (N,) [ns]: corrected stamps from `stamps.mend`."""
     laser: np.ndarray
     robot: np.ndarray
+    """Poses of the laser, and poses of the robot from wheel odometry ``(N, 3)`` [m, m, rad]."""
     corrected: bool
+    """Whether the laser's poses are the ground truth."""
     no_return: float | None
-    notes: list
+    """Smallest range that means "no return", from `NoReturn.limit` [m]."""
+    notes: list[str]
+    """Assumptions that were made."""
     mounting: SE2 | None = None
+    """Pose of the laser on the robot, if its offset in the poses of the lines is constant and not zero."""
 
 
 class Wheels:

@@ -85,25 +85,17 @@ def make_drive(seconds):
 
 @dataclasses.dataclass(frozen=True)
 class _Played:
-    """What the node did with a stream.
-
-    Attributes
-    ----------
-    lost : int
-        Number of scans without odometry; those of the second lidar count after `WARM_UP`, if odometry is published for
-        them.
-    used : float
-        Fraction of the scans of the second lidar that have odometry.
-    delays : ndarray
-        Latency of the scans of the first lidar [s].
-    core : float
-        Load of a core.
-    """
+    """What the node did with a stream."""
 
     lost: int
+    """Number of scans without odometry; those of the second lidar count after `WARM_UP`, if odometry is published for
+    them."""
     used: float
+    """Fraction of the scans of the second lidar that have odometry."""
     delays: np.ndarray
+    """Latency of the scans of the first lidar [s]."""
     core: float
+    """Load of a core."""
 
 
 def _played(first, second=(), odom_on='first'):

@@ -17,40 +17,29 @@ NOISE = 0.002
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Scans in order, and the true motion of the sensor.
-
-    Attributes
-    ----------
-    scans : list of Scan
-    judged : (N,) bool
-        The scans that count; the others only disturb.
-    indices : (N,) int
-        Each scan's number in the recording.
-    reference : (N, 3) float or None
-        True pose [m, m, rad] at each scan.
-    relations : Relations or None
-    wheels : (N, 3) float or None
-        Pose of the sensor by the wheels at each scan.
-    axis : float or None
-        Unobservable direction [rad] in the frame of `reference`.
-    others : tuple of (Sensor, list of Scan)
-        Further lidars, on sensors in the frame of that of `scans`, with their scans in order; used besides.
-    group : str
-        What it differs by from others of its name besides the seed, for example the lidar.
-    truth_sigma : (float, float)
-        Standard deviation of `reference`, along each axis and in heading [m], [rad].
-    """
+    """Scans in order, and the true motion of the sensor."""
 
     scans: list
+    """list of Scan"""
     judged: np.ndarray | None = None
+    """The scans that count ``(N,)`` bool; the others only disturb."""
     indices: np.ndarray | None = None
+    """Each scan's number in the recording ``(N,)`` int."""
     reference: np.ndarray | None = None
+    """True pose [m, m, rad] at each scan ``(N, 3)``."""
     relations: object = None
+    """Relations"""
     wheels: np.ndarray | None = None
+    """Pose of the sensor by the wheels at each scan ``(N, 3)``."""
     axis: float | None = None
+    """Unobservable direction [rad] in the frame of `reference`."""
     others: tuple = ()
+    """tuple of (Sensor, list of Scan): further lidars, on sensors in the frame of that of `scans`, with their scans in
+    order; used besides."""
     group: str = ''
+    """What it differs by from others of its name besides the seed, for example the lidar."""
     truth_sigma: tuple = (0.0, 0.0)
+    """(float, float): standard deviation of `reference`, along each axis and in heading [m], [rad]."""
 
     def __post_init__(self):
         if self.judged is None:
