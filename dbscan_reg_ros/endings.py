@@ -70,11 +70,7 @@ def lasting_output():
     """Discard what is printed in the ``with`` block from the first failure of standard output or error on.
 
     So the work goes on and its results are written, although the reader of the output has ended, as in ``| head -1``.
-
-    Raises
-    ------
-    OSError
-        At the end of the block, for any other failure of standard output than a reader that has ended.
+    Raises an OSError at the end of the block, for any other failure of standard output than a reader that has ended.
     """
     before = sys.stdout, sys.stderr
     streams = [stream and _Stream(stream) for stream in before]

@@ -169,20 +169,10 @@ def unique(names):
 
 
 def compared(followed, competitors, seed) -> list:
-    """Compare A with each other competitor.
+    """Compare A with each other competitor; return a `Comparison` for each of these.
 
-    Parameters
-    ----------
-    followed : dict
-        Name of a recording -> its `KnownMotion`, and the `Trajectory` of each competitor.
-    competitors : list of Competitor
-        Competitors, beginning with A.
-    seed : int
-        Seed of the bootstrap.
-
-    Returns
-    -------
-    list of Comparison
+    `followed` maps the name of a recording to its `KnownMotion` and the `Trajectory` of each of the `competitors`, A
+    first.
     """
     from ..evaluation.comparison import MEASURES, Comparison, TooShort, coverage, difference, paired
 

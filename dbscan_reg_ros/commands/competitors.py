@@ -98,10 +98,8 @@ class Competitor:
 def note_missing(competitors, names):
     """Print which trajectory files the recordings called `names` lack.
 
-    Raises
-    ------
-    CommandError
-        When a competitor has no trajectory of any recording, or A, the first one, has none of some recording.
+    Raises a CommandError when a competitor has no trajectory of any recording, or A, the first one, has none of some
+    recording.
     """
     for place, competitor in enumerate(competitors):
         missing = competitor.given.missing(names) if competitor.given else {}
@@ -124,13 +122,9 @@ def first_parameters(competitors):
 
 
 def follow_one(path, lidars, competitor, parameters):
-    """Run the competitor over the recording at `path`, whose point clouds are read with the `parameters`.
+    """Return the `Trajectory` of a competitor over the recording at `path`; the `parameters` are for point clouds.
 
     Where standard error is no terminal, and so has no progress bar, a line is printed at the begin.
-
-    Returns
-    -------
-    Trajectory
     """
     from .workers import watched
 

@@ -124,10 +124,7 @@ def _play(recording, out, words, args, topics):
 def _channels(recording, others) -> list:
     """Return the channels to play besides the scans: with several lidars the `others`, and the transforms.
 
-    Raises
-    ------
-    RecordingError
-        When the recording has no scans of one of the `others`.
+    Raises a RecordingError when the recording has no scans of one of the `others`.
     """
     from ..recordings.playback import choose
 
@@ -139,10 +136,7 @@ def _channels(recording, others) -> list:
 def _page(out, node):
     """Serve the live page; enter the ``with`` block when a browser shows the page, and the page has found the `node`.
 
-    Raises
-    ------
-    ProcessEnded
-        When the process of the `node` has ended before.
+    Raises a ProcessEnded when the process of the `node` has ended before.
     """
     from .processes import Process, package_command
     from .watch import FOUND

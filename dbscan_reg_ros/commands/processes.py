@@ -23,13 +23,7 @@ class ProcessEnded(DbscanRegError):
 class Process:
     """Child process in its own session, so that a Ctrl-C in the terminal sends no signal to it.
 
-    Parameters
-    ----------
-    command : list of str
-    log : path-like
-        File to which the standard output and error of the process are written.
-    environment : dict, optional
-        Environment variables in addition to those of this process.
+    Its standard output and error are written to the file `log`; `environment` is added to that of this process.
     """
 
     def __init__(self, command, log, environment=None):
@@ -56,10 +50,7 @@ class Process:
     def lines(self, last=None, others=()):
         """Yield each line that the process prints, up to the line `last`.
 
-        Raises
-        ------
-        ProcessEnded
-            When the process, or one of the `others`, has ended before.
+        Raises a ProcessEnded when the process, or one of the `others`, has ended before.
         """
         with open(self.log, encoding='utf-8', errors='replace') as log:
             line = part = ''
@@ -86,10 +77,7 @@ class Process:
     def stop(self, patience=5.0) -> int:
         """End the process and all its children: with a signal first, and by killing them after `patience` seconds.
 
-        Returns
-        -------
-        int
-            Exit status of the process; negative if a signal ended it.
+        Return the exit status of the process; negative if a signal ended it.
         """
         try:
             for number in (signal.SIGINT, signal.SIGTERM):

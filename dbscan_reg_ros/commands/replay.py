@@ -150,10 +150,7 @@ class Replayed:
 def replay_one(path, lidars, parameters, options) -> Replayed:
     """Replay the recording at `path` with the arguments `options`; write its results to a new folder.
 
-    Raises
-    ------
-    DbscanRegError
-        When the recording cannot be read, or fewer than two of its scans can be used.
+    Raises a DbscanRegError when the recording cannot be read, or fewer than two of its scans can be used.
     """
     from ..replays.faults import Faults
     from ..replays.lidars import lidars_of

@@ -137,10 +137,8 @@ def _set_live(node, values):
 def _recordings(args, lidars, start):
     """Open the recordings used in the search and the held-out recordings; print the warnings about their scans.
 
-    Raises
-    ------
-    RecordingError, MountingError
-        When a recording cannot be read, or one of its lidars has no scans or no known mounting.
+    Raises a RecordingError or MountingError when a recording cannot be read, or one of its lidars has no scans or no
+    known mounting.
     """
     from ..recordings import find_recording
     from ..replays.lidars import lidars_of

@@ -48,15 +48,7 @@ def workers(processes, scheduler=None):
 
 
 def as_done(executor, function, jobs):
-    """Yield (number of the job, result) of ``function(*job)`` for each of the `jobs`, in the order of completion.
-
-    Parameters
-    ----------
-    executor : Executor
-        From `workers`.
-    function : callable
-    jobs : sequence of tuple
-    """
+    """Yield (number of the job, result) of ``function(*job)`` for each of the `jobs`, in the order of completion."""
     if isinstance(executor, _Here):
         yield from ((number, function(*job)) for number, job in enumerate(jobs))
         return

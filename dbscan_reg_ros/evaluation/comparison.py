@@ -145,10 +145,7 @@ def known_motion(recording) -> KnownMotion:
 def paired(known: KnownMotion, trajectory_a, trajectory_b) -> Paired:
     """Compute the errors of two trajectories over 1 m of the true path, or without true poses over the relations.
 
-    Raises
-    ------
-    RecordingError
-        When the true motion is unknown; `TooShort` when the true motion is known for too few scans.
+    Raises a RecordingError when the true motion is unknown; `TooShort` when the true motion is known for too few scans.
     """
     scans, stamps, poses = _common(trajectory_a, trajectory_b)
     true = _true_motions(known, stamps, poses[0], scans)

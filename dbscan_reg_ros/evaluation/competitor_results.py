@@ -141,19 +141,10 @@ def grouped_notes(results) -> list:
 
 
 def results_of(recording, folder, known, trajectories, comparisons) -> list:
-    """Return the `CompetitorResult` of each competitor on a recording.
+    """Return the `CompetitorResult` of each competitor on the recording with this name in the `comparisons` with A.
 
-    Parameters
-    ----------
-    recording : str
-        Name of the recording in the comparisons.
-    folder : Path
-        Folder for the trajectory files from which the measures of evo are computed.
-    known : KnownMotion
-    trajectories : list of Trajectory
-        Trajectories of the competitors, beginning with A.
-    comparisons : list of Comparison
-        Comparison with A for each competitor except A.
+    The `trajectories` begin with that of A. To `folder` the files are written from which the measures of evo are
+    computed.
     """
     verdicts = ['', *(comparison.verdict(recording) for comparison in comparisons)]
     means = [_mean_errors(known, trajectories[0]),

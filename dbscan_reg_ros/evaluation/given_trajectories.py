@@ -25,10 +25,7 @@ class GivenTrajectory:
     def parse(cls, text) -> 'GivenTrajectory':
         """Parse an argument of the form ``FILE[@X,Y,DEG]``.
 
-        Raises
-        ------
-        RecordingError
-            When there is no such file or folder, or the mounting is not three numbers.
+        Raises a RecordingError when there is no such file or folder, or the mounting is not three numbers.
         """
         path, at, mounting = text.rpartition('@')
         if not at or Path(text).exists():
@@ -53,14 +50,9 @@ class GivenTrajectory:
         return {name: file for name in recordings if not (file := self.file(name)).is_file()}
 
     def poses_at(self, recording, stamps) -> Matched:
-        """Return the poses of the sensor at the scans of a recording; none if its trajectory file does not exist.
+        """Return the poses of the sensor at the `stamps` ``(N,)`` [ns] of the scans of the `recording` with this name.
 
-        Parameters
-        ----------
-        recording : str
-            Name of the recording.
-        stamps : sequence of int (N,)
-            Stamps of the scans [ns].
+        There are none if its trajectory file does not exist.
         """
         if self.missing([recording]):
             return Matched(np.full((len(stamps), 3), np.nan), f'no such trajectory: {self.file(recording)}')

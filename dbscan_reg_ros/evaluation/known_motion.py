@@ -63,19 +63,9 @@ class KnownMotion(NamedTuple):
         return None
 
     def measures(self, stamps, poses) -> dict:
-        """Compute every error measure for which the relations or the true poses are known.
+        """Compute every error measure of the `poses` ``(N, 3)`` of the sensor at `stamps` ``(N,)`` [ns] of scans.
 
-        Parameters
-        ----------
-        stamps : sequence of int (N,)
-            Stamps of the poses [ns].
-        poses : array_like (N, 3)
-            The sensor's estimated poses, in the order of the scans.
-
-        Returns
-        -------
-        dict
-            Measure -> value, from `metrics.evaluate` and `metrics.final_error`; empty if no true motion is known.
+        Return measure -> value, from `metrics.evaluate` and `metrics.final_error`; empty if no true motion is known.
         """
         poses = np.asarray(poses, dtype=float).reshape(-1, 3)
         if not len(poses):

@@ -48,10 +48,7 @@ class Method:
 def method(name) -> Method:
     """Return the method called `name`.
 
-    Raises
-    ------
-    BenchmarkError
-        When there is no method with this name, or a package that it needs is not installed.
+    Raises a BenchmarkError when there is no method with this name, or a package that it needs is not installed.
     """
     if name not in FACTORIES:
         raise BenchmarkError(f'unknown method {name!r}; expected one of {", ".join(FACTORIES)}')

@@ -19,10 +19,7 @@ LEAST_SINGULAR = 1e-2
 def hint(motions, true_motions) -> str:
     """Return a hint if a constant pose of the sensor explains most of the translation error; else an empty string.
 
-    Parameters
-    ----------
-    motions, true_motions : (K, 3) float [m, m, rad]
-        Motions of a trajectory and of the sensor between the same pairs of scans.
+    The motions ``(K, 3)`` [m, m, rad] are those of a trajectory and of the sensor between the same pairs of scans.
     """
     offset = sensor_offset(motions, true_motions)
     placed = np.broadcast_to(offset, motions.shape)
@@ -38,14 +35,10 @@ def hint(motions, true_motions) -> str:
 
 
 def sensor_offset(motions, true_motions):
-    """Return the pose of the sensor on the moving frame of `motions` that explains the `true_motions` best.
+    """Return the pose ``(3,)`` of the sensor on the moving frame of `motions` that explains the `true_motions` best.
 
-    A frame with the motion (R, b) has a sensor with the pose (A, t). Its motion has the translation
-    ``A^T b + (R - I) A^T t``, which is linear in ``A^T`` and ``A^T t``.
-
-    Returns
-    -------
-    (3,) float [m, m, rad]
+    A frame with the motion (R, b) has a sensor with the pose (A, t). Its motion has the translation ``A^T b + (R - I)
+    A^T t``, which is linear in ``A^T`` and ``A^T t``.
     """
     c, s = np.cos(motions[:, 2]) - 1.0, np.sin(motions[:, 2])
     bx, by = motions[:, 0], motions[:, 1]

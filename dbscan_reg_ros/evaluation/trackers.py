@@ -141,16 +141,12 @@ class Still:
 def tracker(name: str) -> 'Ours | KeyFrames | Kiss | Still':
     """Return a new tracker for the method `name`.
 
-    ``module:function`` is a method of the user's own, imported from the current folder as well:
-    ``function(reference, current, guess)`` returns the pose, an `SE2`, of the `Scan` `current` in the frame of the
-    `Scan` `reference`, the last key frame. The `SE2` `guess` is the expected result: the motion from the key frame to
-    the last scan, followed by the last motion between two scans repeated. ``module:Class`` names a tracker class, made
-    without arguments: ``process(scan)`` returns a `Step`.
-
-    Raises
-    ------
-    BenchmarkError
-        When the method is unknown, its package is not installed, or there is no such module or function.
+    ``module:function`` is a method of the user's own, imported from the current folder as well: ``function(reference,
+    current, guess)`` returns the pose, an `SE2`, of the `Scan` `current` in the frame of the `Scan` `reference`, the
+    last key frame. The `SE2` `guess` is the expected result: the motion from the key frame to the last scan, followed
+    by the last motion between two scans repeated. ``module:Class`` names a tracker class, made without arguments:
+    ``process(scan)`` returns a `Step`. Raises a BenchmarkError when the method is unknown, its package is not
+    installed, or there is no such module or function.
     """
     if ':' in name:
         return _own_tracker(name)

@@ -39,14 +39,9 @@ class DensityMap(NamedTuple):
 
 
 class MapPoints:
-    """The returns of the scans of a map, each scan in its own frame; about `MOST_POINTS` of them are kept.
+    """The returns of the `count` scans of a map, each scan in its own frame; about `MOST_POINTS` of them are kept.
 
-    Parameters
-    ----------
-    count : int
-        Number of scans of the map.
-    yaw : float
-        Angle [rad] by which `lidars.turned` rotated the scans.
+    `yaw` is the angle [rad] by which `lidars.turned` rotated the scans.
     """
 
     def __init__(self, count, yaw=0.0):
@@ -201,19 +196,9 @@ def draw_map(path, density, poses, title='', truth=None):
 
 
 def plot_world(path, segments, circles, way, routes=(), title=''):
-    """Draw a floor plan with the path of a robot.
+    """Draw a floor plan of `segments` ``(S, 2, 2)`` and `circles` ``(C, 3)`` [m] with the `way` ``(N, 2)`` of a robot.
 
-    Parameters
-    ----------
-    path : str or Path
-        The picture to write.
-    segments : (S, 2, 2) [m]
-        Start and end of each piece of wall.
-    circles : (C, 3) [m]
-        Centre and radius of each pillar.
-    way : (N, 2) [m]
-    routes : sequence of (K, 2) [m]
-        Routes on which people walk.
+    `routes` ``(K, 2)`` [m] are those on which people walk.
     """
     from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
@@ -241,18 +226,9 @@ def plot_world(path, segments, circles, way, routes=(), title=''):
 def plot_differences(path, table, letter, names, size):
     """Draw the differences of the errors of a competitor and A, in per cent of those of A, with confidence intervals.
 
-    Parameters
-    ----------
-    path : str or Path
-        The picture to write.
-    table : dict
-        Name of the recording -> a `Difference` for translation and one for rotation.
-    letter : str
-        Letter of the competitor.
-    names : (str, str) or None
-        Names of A and of the competitor for the title; None: no title.
-    size : (float, float) or None
-        Width and height [inch]; None: by the number of recordings.
+    `table` maps the name of a recording to a `Difference` for translation and one for rotation, `letter` denotes the
+    competitor. `names` are those of A and of the competitor for the title, or None; `size` is in inches, None: by the
+    number of recordings.
     """
     from matplotlib.figure import Figure
 
@@ -275,17 +251,9 @@ def plot_differences(path, table, letter, names, size):
 
 
 def plot_trajectories(path, lines, title, size):
-    """Draw several trajectories of one drive on a plan.
+    """Draw several trajectories of one drive on a plan of a `size` [inch] or None.
 
-    Parameters
-    ----------
-    path : str or Path
-        The picture to write.
-    lines : list of (str, (N, 2) float)
-        Name and positions [m] of each trajectory, all in one frame; NaN interrupts a line.
-    title : str
-    size : (float, float) or None
-        Width and height [inch].
+    `lines` are names and positions ``(N, 2)`` [m], all in one frame; NaN interrupts a line.
     """
     from matplotlib.figure import Figure
 

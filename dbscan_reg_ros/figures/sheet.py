@@ -58,15 +58,8 @@ LAYOUT = [['overlay', 'overlay', 'points'], ['overlay', 'overlay', 'segments'],
 def draw_figures(folder, steps, title, size=SIZE, ending='png'):
     """Write a picture for each of the `FIGURES` of `Steps` into `folder`, and ``sheet.png`` with all of them.
 
-    Parameters
-    ----------
-    folder : Path
-    steps : Steps
-    title : str
-    size : (float, float)
-        Width and height of each picture [inch].
-    ending : str
-        ``pdf`` and ``svg`` are for papers: without titles, captions and the sheet.
+    Each picture has the `size` [inch]. With the `ending` ``pdf`` or ``svg`` they are for papers: without titles,
+    captions and the sheet.
     """
     from matplotlib import rc_context
     from matplotlib.figure import Figure

@@ -74,10 +74,7 @@ class Steps:
            truth: SE2 | None = None) -> 'Steps':
         """Return the steps from two scans to their `registration`; without a `registration`, register the scans.
 
-        Raises
-        ------
-        ScanError
-            When one of the scans has too few returns.
+        Raises a ScanError when one of the scans has too few returns.
         """
         return cls.between(ScanSteps.of(reference, parameters), ScanSteps.of(current, parameters), parameters,
                            registration, truth)

@@ -64,18 +64,9 @@ class Counters:
     """Warnings about scans since the last diagnostics report: kind -> text."""
 
     def processed_scan(self, update: OdometryUpdate, origin: SE2, sensor_pose: SE2, duration: float) -> None:
-        """Count a processed scan.
+        """Count a processed scan, its result, its `duration` [s] and the `sensor_pose`, `Mounting.aligned_pose`.
 
-        Parameters
-        ----------
-        update : OdometryUpdate
-            Result of the scan.
-        origin : SE2
-            Pose, in `odom_frame`, of the frame in which `update` expresses poses.
-        sensor_pose : SE2
-            Pose of the sensor in the base frame at the scan: `Mounting.aligned_pose`.
-        duration : float
-            Processing time [s].
+        `origin` is the pose, in `odom_frame`, of the frame in which `update` expresses poses.
         """
         self.processed += 1
         self.statuses[update.status] += 1

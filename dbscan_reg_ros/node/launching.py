@@ -76,17 +76,8 @@ def scan_matcher_arguments(map_mode: str = '') -> list[Any]:
 def scan_matcher_actions(context: LaunchContext, defaults: Sequence[tuple[str, str]] = ()) -> list[Any]:
     """Make the launch actions that start the node according to the arguments of `scan_matcher_arguments`.
 
-    Parameters
-    ----------
-    context : launch.LaunchContext
-        Values of the launch arguments.
-    defaults : sequence of (str, str)
-        Names and values of parameters that ``sensor``, ``params_file`` and the launch arguments override.
-
-    Raises
-    ------
-    ParameterError
-        When an argument is invalid; launch prints the error and stops.
+    `defaults` are names and values of parameters that ``sensor``, ``params_file`` and the launch arguments override.
+    Raises a ParameterError for an invalid argument; launch prints it and stops.
     """
     from launch_ros.actions import Node
 
@@ -135,13 +126,7 @@ def player_actions(context: LaunchContext) -> list[Any]:
 
 
 class LaunchArguments:
-    """Values of the launch arguments.
-
-    Parameters
-    ----------
-    values : mapping of str to str
-        ``launch_configurations`` of a launch context.
-    """
+    """Values of the launch arguments: ``launch_configurations`` of a launch context."""
 
     def __init__(self, values: Mapping[str, str]) -> None:
         self._values = values

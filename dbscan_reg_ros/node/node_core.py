@@ -43,22 +43,11 @@ MOST_FRAMES = 8
 
 
 class NodeCore:
-    """Laser odometry on a node: subscribes to ``scan``, publishes ``odom``, ``/tf`` and more.
+    """Laser odometry on a `node`, plain or lifecycle: subscribes to ``scan``, publishes ``odom``, ``/tf`` and more.
 
-    All callbacks run one after the other, so parameters never change while a scan is processed.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that the publishers, subscriptions, services and timers are created on.
-    live : LiveParameters
-        Parameters of that node.
-
-    Raises
-    ------
-    ParameterError
-        When a parameter needs a package that is not installed, sets an invalid quality of service, or names a map that
-        cannot be read.
+    All callbacks run one after the other, so the `live` parameters never change while a scan is processed. Raises a
+    ParameterError when a parameter needs a package that is not installed, sets an invalid quality of service, or names
+    a map that cannot be read.
     """
 
     def __init__(self, node: Node, live: LiveParameters) -> None:

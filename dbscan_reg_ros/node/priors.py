@@ -31,23 +31,8 @@ Predict = Callable[[int], Prior | None]
 class Priors:
     """Makes the external `Prior` of each scan, from the source that ``prior.source`` names.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that subscribes to the source.
-    parameters : NodeParameters
-        Parameters of the node; may be replaced at any time.
-    transforms : TransformListener or None
-        Received transforms; None if tf2_msgs is not installed.
-    log : ThrottledLog
-        Log for data that is missing or invalid.
-    on_data : callable
-        Function that is called when the source has received data.
-
-    Raises
-    ------
-    ParameterError
-        When ``prior.source`` is tf and tf2_msgs is not installed.
+    The `parameters` may be replaced at any time. `transforms` are None if tf2_msgs is not installed; that is a
+    ParameterError if ``prior.source`` is tf. `on_data` is called when the source has received data.
     """
 
     def __init__(self, node: Node, parameters: NodeParameters, transforms: TransformListener | None, log: ThrottledLog,
@@ -113,23 +98,9 @@ class Priors:
         return self._transforms.planar(self._frame, frame, stamp) if self._transforms else None
 
     def find(self, frame: str, stamp: int, mounting: Mounting, predict: Predict) -> Prior | None:
-        """Make the prior of a scan.
+        """Make the prior of a scan in `frame` at a `stamp` [ns], of a lidar with this `mounting`; None without one.
 
-        Parameters
-        ----------
-        frame : str
-            Frame of the scan.
-        stamp : int
-            Stamp of the scan [ns].
-        mounting : Mounting
-            Mounting of the lidar at the scan.
-        predict : callable
-            ``predict(stamp)`` returns the prediction of the motion model at `stamp` [ns].
-
-        Returns
-        -------
-        Prior or None
-            None if there is no external prior; then the odometry uses the prediction of the motion model.
+        Then the odometry uses the prediction of the motion model, which ``predict(stamp)`` returns.
         """
         self._silent = ''
         source = self._wheels or (self._frame and f'the transform from {self._frame!r} on /tf')

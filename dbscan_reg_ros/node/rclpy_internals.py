@@ -63,15 +63,10 @@ def taken(subscription: Subscription) -> Iterator[tuple[Any, dict[str, Any]]]:
 
 
 class WakingCallbackGroup(MutuallyExclusiveCallbackGroup):
-    """Callback group whose entities wake the executor only under a condition; otherwise they are polled by `taken`.
+    """Callback group whose entities wake the executor only while `is_active()`; otherwise they are polled by `taken`.
 
     Waking the executor for each message takes far longer than reading the message; the time grows with the number of
     entities that can wake it. Without `CAN_TAKE` the entities always wake it.
-
-    Parameters
-    ----------
-    is_active : callable
-        Function that returns whether the entities may wake the executor now.
     """
 
     def __init__(self, is_active: Callable[[], bool]) -> None:

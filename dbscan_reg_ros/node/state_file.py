@@ -26,12 +26,6 @@ class StateFile:
     """Writes the pose of the base to ``state_file`` at most every `PERIOD`, and reads it at the start.
 
     Without ``state_file`` nothing is written or read.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that logs.
-    parameters : NodeParameters
     """
 
     def __init__(self, node: Node, parameters: NodeParameters) -> None:

@@ -13,23 +13,10 @@ MAX_KINDS = 100
 
 
 class ThrottledLog:
-    """Logs a warning at once, then suppresses warnings of the same kind for a period.
+    """Logs a warning at once, then suppresses warnings of the same kind for a `period` [s].
 
-    Two warnings are of the same kind when they differ only in numbers and quoted names, or in how many they list.
-
-    Parameters
-    ----------
-    logger : rclpy logger
-        Logger that the warnings go to.
-    subject : str
-        Prefix of each warning, which names what the warnings are about.
-    period : float
-        Minimum time between two warnings of one kind [s].
-
-    Attributes
-    ----------
-    subject : str
-        As above; may be changed.
+    Two warnings are of the same kind when they differ only in numbers and quoted names, or in how many they list. Each
+    begins with `subject`, which names what the warnings are about, and may be changed.
     """
 
     def __init__(self, logger: RcutilsLogger, subject: str = '', period: float = 10.0) -> None:

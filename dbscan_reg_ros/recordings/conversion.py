@@ -52,17 +52,8 @@ class Kept:
 def messages_of_part(reader, connections, kept, problems, left_out):
     """Yield the messages of the part `kept` of a bag on some `connections`: connection, record time [ns] and bytes.
 
-    The static transforms from before come first, at the time at which the part starts.
-
-    Parameters
-    ----------
-    reader : BagReader
-    connections : list
-    kept : Kept
-    problems : list of str
-        Receives a line for each damaged part of the bag.
-    left_out : Counter
-        Receives the number of messages in each `Gap`.
+    The static transforms from before come first, at the time at which the part starts. `problems` receives a line for
+    each damaged part of the bag, the Counter `left_out` the number of messages in each `Gap`.
     """
     for connection, time, raw in _of_window(reader, connections, kept, problems):
         passed = (time - reader.start_time) / SECOND

@@ -11,16 +11,8 @@ END_OF_TIME = 2**31 * SECOND
 def nanoseconds(text, first=0, end=END_OF_TIME) -> int:
     """Convert decimal seconds, such as ``'976052857.337530'``, to nanoseconds.
 
-    Parameters
-    ----------
-    text : str
-    first, end : int
-        Valid stamps [ns] are at least `first` and less than `end`; by default, those that a ROS message can hold.
-
-    Raises
-    ------
-    ValueError
-        When `text` is not a number, or the stamp is not valid.
+    Raises a ValueError when `text` is not a number, or the stamp is not at least `first` and less than `end` [ns]: by
+    default those that a ROS message can hold.
     """
     try:
         stamp = (Decimal(text) * SECOND).to_integral_value()

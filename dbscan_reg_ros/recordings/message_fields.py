@@ -87,10 +87,7 @@ def pose_with_covariance_fields(pose, covariance) -> dict:
 def scan_fields(scan) -> dict:
     """Return the fields of a LaserScan message for a `Scan`.
 
-    Raises
-    ------
-    ScanError
-        When the bearings are not uniform: a LaserScan cannot represent such a scan.
+    Raises a ScanError when the bearings are not uniform: a LaserScan cannot represent such a scan.
     """
     geometry = scan.geometry
     if geometry.bearings_given is not None:
@@ -131,17 +128,10 @@ def transform_fields(state, odom_frame, base_frame) -> dict:
 
 
 def segments_fields(update: OdometryUpdate, origin: SE2, odom_frame) -> dict:
-    """Return the fields of a MarkerArray of reference and scan segments; matched segments have stronger colours.
+    """Return the fields of a MarkerArray of reference and scan segments in `odom_frame`; matched ones are stronger.
 
     The array always has the same four markers. The action of a marker is ADD if it has lines, otherwise DELETE.
-
-    Parameters
-    ----------
-    update : OdometryUpdate
-    origin : SE2
-        The sensor's first pose in `odom_frame`.
-    odom_frame : str
-        Frame of the markers.
+    `origin` is the sensor's first pose in `odom_frame`.
     """
     header = header_fields(update.stamp, odom_frame)
     matches = update.registration.matches if update.registration else np.empty((0, 2), dtype=int)

@@ -45,10 +45,7 @@ def open_recording(path: str | os.PathLike[str], topic: str | None = None,
 def is_bag(path) -> bool:
     """Whether `path` is a bag; otherwise it may be a CARMEN log.
 
-    Raises
-    ------
-    RecordingError
-        When `path` cannot be read, is empty, or is neither a bag nor a CARMEN log.
+    Raises a RecordingError when `path` cannot be read, is empty, or is neither a bag nor a CARMEN log.
     """
     if path.is_dir():
         _check_folder(path)

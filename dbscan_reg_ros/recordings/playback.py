@@ -45,14 +45,8 @@ class Played(NamedTuple):
 def inputs_of(kinds, wheels, scans='/scan') -> dict:
     """Return topic of a recording -> input topic of the node that accepts its messages.
 
-    Parameters
-    ----------
-    kinds : dict
-        Topic -> message type.
-    wheels : str or None
-        The topic of the wheel odometry in the recording.
-    scans : str
-        The topic of the scans.
+    `kinds` has the message type of each topic; `wheels` is the topic of the wheel odometry or None, `scans` that of the
+    scans.
     """
     found = {wheels: 'wheel_odom', imu_topic({topic: kinds[topic] for topic in of_robot(kinds, kinds, scans)}): 'imu'}
     found |= {topic_of_transforms(kinds, name, scans): name for name in ('/tf', '/tf_static')}
@@ -95,10 +89,7 @@ def topic_of_transforms(kinds, name, scans):
 def choose(channels, topics=(), everything=False) -> list:
     """Return the channels to play: those that the node accepts and those recorded on `topics`, or all if `everything`.
 
-    Raises
-    ------
-    RecordingError
-        When one of the `topics` is not in the recording.
+    Raises a RecordingError when one of the `topics` is not in the recording.
     """
     held = sorted({channel.recorded for channel in channels})
     if missing := sorted(set(topics) - set(held)):

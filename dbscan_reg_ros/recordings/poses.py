@@ -31,10 +31,7 @@ def unit_quaternion(quaternion) -> tuple:
 def planar(x, y, quaternion) -> tuple:
     """Return x, y [m] and the heading [rad], the direction of the x axis, of a pose with a `quaternion` (x, y, z, w).
 
-    Raises
-    ------
-    PoseError
-        When the values are not those of a pose.
+    Raises a PoseError when the values are not those of a pose.
     """
     if not possible((x, y)):
         raise PoseError(f'the position is ({x:g}, {y:g}): expected finite numbers of at most {FARTHEST:g}')

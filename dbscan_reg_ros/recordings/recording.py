@@ -126,10 +126,7 @@ class Recording:
     def mounting_on(self, base_frame: str) -> Mounting:
         """Return the mounting of the lidar on `base_frame` according to the recording.
 
-        Raises
-        ------
-        MountingError
-            When the recording does not contain it.
+        Raises a MountingError when the recording does not contain it.
         """
         raise NotImplementedError
 

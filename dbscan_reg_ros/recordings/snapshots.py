@@ -110,10 +110,7 @@ def write_snapshot(path, snapshot: Snapshot):
 def read_snapshot(path) -> Snapshot:
     """Return the snapshot in the file at `path`.
 
-    Raises
-    ------
-    RecordingError
-        When the file cannot be read or is no snapshot.
+    Raises a RecordingError when the file cannot be read or is no snapshot.
     """
     return ARCHIVE.read(path, _snapshot)
 

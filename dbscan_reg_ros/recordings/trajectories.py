@@ -156,10 +156,7 @@ def finite_numbers(words) -> list:
 def stamped(line, columns, stamps=1) -> list:
     """Convert a line with these `columns` to its `stamps` [ns], followed by its finite numbers.
 
-    Raises
-    ------
-    ValueError
-        When the line has another number of columns, or one that is not valid.
+    Raises a ValueError when the line has another number of columns, or one that is not valid.
     """
     words = line.split()
     if len(words) != len(columns.split()):
@@ -170,10 +167,7 @@ def stamped(line, columns, stamps=1) -> list:
 def numbered_lines(path):
     """Return line number and text of each line of a small file that is neither empty nor a ``#`` comment.
 
-    Raises
-    ------
-    RecordingError
-        When the file cannot be read.
+    Raises a RecordingError when the file cannot be read.
     """
     check_file(path, RecordingError)
     try:

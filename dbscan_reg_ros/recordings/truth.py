@@ -156,12 +156,8 @@ def true_poses(recording):
 def read_truth(path, recording):
     """Read stamps ``(N,)`` [ns] and true poses ``(N, 3)`` [m, m, rad] of a recording's sensor from a file.
 
-    The file has the TUM format, or the columns of ``reference.csv``: index of the scan, x, y, theta.
-
-    Raises
-    ------
-    RecordingError
-        When the file cannot be read, or an index is not that of a scan of the recording.
+    The file has the TUM format, or the columns of ``reference.csv``: index of the scan, x, y, theta. Raises a
+    RecordingError when the file cannot be read, or an index is not that of a scan of the recording.
     """
     if ',' not in next(numbered_lines(path), (1, ''))[1]:
         return _noted(read_tum(path), recording)

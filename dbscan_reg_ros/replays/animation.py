@@ -34,12 +34,7 @@ class Track(NamedTuple):
 
 
 class Canvas:
-    """Map that counts the returns in each of its pixels.
-
-    Parameters
-    ----------
-    extent : (left, right, bottom, top) [m]
-    """
+    """Map of an `extent` (left, right, bottom, top) [m] that counts the returns in each of its pixels."""
 
     def __init__(self, extent):
         left, right, bottom, top = extent
@@ -100,15 +95,8 @@ class Canvas:
 def write_animation(path, scans, track, closed=None):
     """Write the moving picture of a drive as GIF and, if ffmpeg is found, as MP4; write its last frame as PNG.
 
-    Parameters
-    ----------
-    path : Path
-        File name of the GIF; PNG and MP4 have the same name with another ending.
-    scans : iterable of Scan
-        One scan for each pose of the track; read one at a time.
-    track : Track
-    closed : Track, optional
-        The drive after loop closing, whose map becomes the first and the last frame.
+    `path` is that of the GIF; PNG and MP4 have another ending. The `scans`, one for each pose of the `track`, are read
+    one at a time. `closed` is the drive after loop closing, whose map becomes the first and the last frame.
     """
     extents = np.array([each.density.extent for each in (track, closed) if each])
     canvas = Canvas((extents[:, 0].min(), extents[:, 1].max(), extents[:, 2].min(), extents[:, 3].max()))

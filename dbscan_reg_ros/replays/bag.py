@@ -23,16 +23,8 @@ def odometry_bag(path, parameters, mounting):
     """Open a bag for writing; provide a function that adds the messages of an `OdometryUpdate` to the bag.
 
     The record times are the stamps of the messages, increased where a stamp is before the last one. When the writing is
-    interrupted, the messages written until then form a valid bag.
-
-    Parameters
-    ----------
-    path : Path
-        Folder of the bag, which is created.
-    parameters : NodeParameters
-        Parameters that contain the names of the frames.
-    mounting : Mounting
-        Mounting of the laser; each update belongs to a sensor at `mounting.aligned_pose`.
+    interrupted, the messages written until then form a valid bag. The `parameters` have the names of the frames; each
+    update belongs to a sensor at `mounting.aligned_pose`.
     """
     place = mounting.aligned_pose
     frames = parameters.odom_frame, parameters.base_frame

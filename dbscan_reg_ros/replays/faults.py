@@ -5,14 +5,9 @@ from contextlib import contextmanager
 
 
 class Faults:
-    """Collects the results that could not be written, with the reasons.
+    """Collects the results that could not be written, with the reasons: ``explain(error)`` returns one in one line.
 
-    Parameters
-    ----------
-    explain : callable
-        Function of an exception that returns the reason in one line.
-    verbose : bool
-        Whether to print the traceback of every fault.
+    With `verbose` the traceback of every fault is printed.
     """
 
     def __init__(self, explain, verbose=False):

@@ -110,28 +110,11 @@ def _change(difference, unit):
 
 
 def calibrate_lidars(recording, mounting, others, parameters, progress=iter) -> list:
-    """Compare further lidars with the map of the first one over a recording.
+    """Compare further lidars with the map of the first one over a recording; return a `CalibratedLidar` for each.
 
-    Parameters
-    ----------
-    recording : Recording
-        Recording with the topic of the first lidar.
-    mounting : Mounting
-        Its mounting, which counts as right.
-    others : list of RecordedLidar
-        Their mountings may be far off.
-    parameters : NodeParameters
-    progress : callable
-        Function that passes on the scans of the first lidar.
-
-    Returns
-    -------
-    list of CalibratedLidar
-
-    Raises
-    ------
-    CalibrationError
-        When too few scans of a lidar could be compared, or a further lidar has point clouds.
+    `mounting` is that of the first lidar, on whose topic the `recording` is; it counts as right. Those of the `others`
+    (`RecordedLidar`) may be far off. `progress` passes on the scans of the first lidar. Raises a CalibrationError when
+    too few scans of a lidar could be compared, or a further lidar has point clouds.
     """
     for other in others:
         if other.recording.mounting:

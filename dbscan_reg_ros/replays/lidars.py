@@ -99,12 +99,8 @@ class Lidars:
 def mounting_in(recording: Recording, mountings, base_frame, option='--mounting {} X Y DEG, or ') -> Mounting:
     """Return the mounting of the lidar of a `recording`: the mounting given for its topic, else the recorded one.
 
-    `option` begins the advice in the error; it is empty for a command without this option.
-
-    Raises
-    ------
-    MountingError
-        When the mounting is neither given nor recorded.
+    `option` begins the advice in the error; it is empty for a command without this option. Raises a MountingError when
+    the mounting is neither given nor recorded.
     """
     if recording.mounting:
         return recording.mounting
@@ -160,12 +156,8 @@ def given_mountings(parameters, topics) -> dict:
 def further_lidars(first: Recording, topics, mountings, parameters) -> list:
     """Open the other `topics` of the recording `first`; return a `RecordedLidar` for each.
 
-    Raises
-    ------
-    RecordingError
-        When a topic is given twice or holds no scans.
-    MountingError
-        When the mounting of a lidar is not known.
+    Raises a RecordingError when a topic is given twice or holds no scans, and a MountingError when the mounting of a
+    lidar is not known.
     """
     if len({first.topic, *topics}) <= len(topics):
         raise RecordingError(f'{first.path}: expected each topic once: {", ".join((first.topic, *topics))}')

@@ -19,20 +19,10 @@ OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196
 
 
 def write_occupancy_map(folder, placed, resolution):
-    """Write ``map.pgm`` and ``map.yaml`` to `folder`.
+    """Write ``map.pgm`` and ``map.yaml`` with cells of `resolution` [m] to `folder`.
 
-    Parameters
-    ----------
-    folder : Path
-    placed : iterable of ((3,) array, (N, 2) array)
-        Pose of the sensor and returns of each scan, in the map frame [m, m, rad].
-    resolution : float
-        Side of a cell [m].
-
-    Raises
-    ------
-    GridError
-        When the grid would have too many cells, or no scan has a return.
+    `placed` has the pose ``(3,)`` of the sensor and the returns ``(N, 2)`` of each scan, in the map frame [m, m, rad].
+    Raises a GridError when the grid would have too many cells, or no scan has a return.
     """
     counts, last = OccupancyCounts(resolution), None
     for pose, points in placed:

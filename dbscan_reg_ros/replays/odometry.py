@@ -81,16 +81,7 @@ def describe_prior(parameters, motion) -> list:
 
 
 def replayed_trajectory(recording, scans, lidars, parameters) -> Trajectory:
-    """Run the odometry over the `scans` of the first lidar of a `recording`, without writing results.
-
-    Parameters
-    ----------
-    recording : Recording
-        Recording with the topic of the first lidar.
-    scans : iterable of Scan
-    lidars : Lidars
-    parameters : NodeParameters
-    """
+    """Run the odometry over the `scans` of the first lidar, that of the `recording`, without writing results."""
     mounting, others = lidars_of(recording, lidars, parameters)
     odometry = replay_odometry(parameters, others, recording.topic, mounting, recorded_motion(parameters, recording))
     trajectory = Trajectory(mounting.pose.theta, mounting.upside_down, numbers=odometry.numbers if others else [])
@@ -135,23 +126,11 @@ class LidarCounts:
 class ReplayOdometry:
     """Odometry over the scans of all lidars in the order of their stamps, each with its external prior.
 
-    Only scans of the first lidar return an update; updates are numbered as if there were no other lidars.
-
-    Parameters
-    ----------
-    odometry : Odometry
-    others : list of RecordedLidar
-    first : str
-        Topic of the first lidar.
-    mounting : Mounting
-        Mounting of the first lidar.
-    parameters : NodeParameters
-        Their `lidar` has mask, time offset and limits of each lidar.
+    Only scans of the lidar on the topic `first` return an update; updates are numbered as if there were no `others`
+    (`RecordedLidar`). The `parameters` have mask, time offset and limits of each lidar.
 
     Attributes
     ----------
-    parameters : NodeParameters
-    mounting : Mounting
     priors : RecordedPriors or None
         External priors of the scans.
     bodies : OwnBodies or None
@@ -236,17 +215,8 @@ class ReplayOdometry:
 class RecordedPriors:
     """Recorded wheels and yaw rates as the external prior of each scan, as `node.priors.Priors` has it.
 
-    Parameters
-    ----------
-    motion : RecordedMotion
-    mounting : Mounting
-        Mounting of the first lidar, of which the odometry estimates the pose.
-    parameters : NodePriorParameters
-
-    Attributes
-    ----------
-    last : int or None
-        Stamp [ns] of the last scan of any lidar that was used.
+    `mounting` is that of the first lidar, of which the odometry estimates the pose; `last` the stamp [ns] of the last
+    scan of any lidar that was used, or None.
     """
 
     def __init__(self, motion, mounting, parameters):
@@ -284,10 +254,7 @@ def _read(ahead, history, add, stamp):
 class OwnBodies:
     """Finds for each lidar where it sees the robot itself, as the node does; collects what the odometry finds.
 
-    Parameters
-    ----------
-    lidars : list of (str, Mounting)
-        Topic and mounting of each lidar, in the order of their ranks.
+    `lidars` are topic and mounting of each lidar, in the order of their ranks.
     """
 
     def __init__(self, lidars):

@@ -10,21 +10,11 @@ from ..recordings.files import replacing
 def write_metrics(path, recordings, measures, counts, bodies=()):
     """Write ``metrics.json``.
 
-    The file contains name and file of the recording, notes on how the recording was read, warnings about
-    its scans, and each measure by its name; null for a measure that is not finite. For several lidars, it also contains
-    the number of scans of each lidar by outcome.
-
-    Parameters
-    ----------
-    path : Path
-    recordings : list of Recording
-        The recording with the topic of the first lidar, then with that of each other lidar.
-    measures : dict
-        Measures of the first lidar.
-    counts : dict
-        Topic -> `LidarCounts`; empty for a single lidar.
-    bodies : list of (str, str, str)
-        What the replay found about lidars: topic, kind, and a sentence.
+    The file contains name and file of the recording, notes on how the recording was read, warnings about its scans, and
+    each of the `measures` of the first lidar by its name; null for one that is not finite. For several lidars, it also
+    contains the number of scans of each by outcome: `counts`, topic -> `LidarCounts`. `recordings` have the topic of
+    the first lidar, then of each other one. `bodies` are topic, kind and a sentence on what the replay found about
+    lidars.
     """
     recording = recordings[0]
     warnings = [{'topic': each.topic} | sighting.as_fields()

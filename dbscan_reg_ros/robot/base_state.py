@@ -100,15 +100,8 @@ def external_prior(driven: Prior | None, rotation: SE2 | None, predict: Callable
                    parameters: NodePriorParameters) -> Prior | None:
     """Return the prior of the motion of the base from what was measured; None if nothing was.
 
-    Parameters
-    ----------
-    driven : Prior or None
-        Motion of the base by the wheels.
-    rotation : SE2 or None
-        Rotation by the gyroscope, which is used in place of that of the wheels.
-    predict : callable
-        Function that returns the prediction of the motion model for the base: its translation is used without wheels.
-    parameters : NodePriorParameters
+    The `rotation` by the gyroscope is used in place of that of the wheels, with which the base was `driven`. Without
+    wheels the translation is that of ``predict()``, the prediction of the motion model for the base.
     """
     if rotation is None:
         return driven
@@ -123,14 +116,9 @@ def base_motion(prior: Prior, before: Mounting, after: Mounting) -> Prior:
 
 
 def sensor_prior(base: Prior, before: Mounting, after: Mounting) -> Prior:
-    """Return the prior of the motion of a sensor from that of the `base`.
+    """Return the prior of the motion of a sensor from that of the `base` between two scans.
 
-    Parameters
-    ----------
-    base : Prior
-        Motion of the base between two scans.
-    before, after : Mounting
-        Mounting of the sensor on the base at either scan.
+    `before` and `after` are the mounting of the sensor on the base at either scan.
     """
     adjoint = after.aligned_pose.inverse().adjoint()
     return Prior(before.aligned_pose.inverse() @ base.transform @ after.aligned_pose,

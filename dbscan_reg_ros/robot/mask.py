@@ -32,15 +32,9 @@ class Mask:
     def apply(self, scan: Scan, mounting: Mounting, parameters: InputParameters) -> Scan:
         """Return a scan without its returns in the sectors of ``input.mask`` that are nearer than ``input.mask_range``.
 
-        Parameters
-        ----------
-        scan : Scan
-            Scan of the lidar as `Scan.from_message` returns it: its bearings are those of an upright lidar with a yaw
-            of 0.
-        mounting : Mounting
-            Mounting of the lidar, needed because the sectors are given in the frame of the lidar; `Mounting()` if the
-            bearings of `scan` are in that frame, too.
-        parameters : InputParameters
+        The bearings of the scan are those of an upright lidar with a yaw of 0, as `Scan.from_message` returns it; the
+        sectors are in the frame of the lidar, hence its `mounting`. It is ``Mounting()`` if the bearings are in that
+        frame, too.
         """
         limit, masked = parameters.mask_range, self._in_sectors(scan, mounting, parameters)
         if limit > 0.0:
@@ -80,18 +74,9 @@ def corrected_stamp(stamp: int, offset: float) -> int:
 
 
 def within(bearings: NDArray[np.float64], sectors: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which bearings lie in at least one of the sectors.
+    """Return which `bearings` ``(N,)`` [rad] lie in at least one of the `sectors` ``(M, 2)``, ``(N,)`` bool.
 
-    Parameters
-    ----------
-    bearings : (N,) float
-        [rad]
-    sectors : (M, 2) float
-        First and last bearing of each sector, counter-clockwise [rad].
-
-    Returns
-    -------
-    (N,) bool
+    A sector is its first and last bearing, counter-clockwise [rad].
     """
     full = 2.0 * math.pi
     widths = np.remainder(sectors[:, 1] - sectors[:, 0], full)

@@ -86,13 +86,7 @@ def trace_rays(points: NDArray[np.float64], sensor: NDArray[np.float64], resolut
 
 
 class OccupancyCounts:
-    """Counts, for each cell, the scans that pass it and the scans that hit it; the grid grows with the patches.
-
-    Parameters
-    ----------
-    resolution : float
-        Side of a cell [m].
-    """
+    """Counts, for each cell of `resolution` [m], the scans that pass it and that hit it; grows with the patches."""
 
     def __init__(self, resolution: float) -> None:
         self._resolution = resolution
@@ -102,10 +96,7 @@ class OccupancyCounts:
     def add(self, patch: Patch) -> None:
         """Count the cells of a patch once.
 
-        Raises
-        ------
-        GridError
-            When the grid would have more than `LARGEST` cells.
+        Raises a GridError when the grid would have more than `LARGEST` cells.
         """
         self._grow(patch)
         x, y = patch.corner - self._corner

@@ -56,13 +56,7 @@ class BodySector(NamedTuple):
 
 
 class OwnBody:
-    """Finds the returns of one lidar whose range stays the same while the robot drives and turns.
-
-    Attributes
-    ----------
-    sectors : list of BodySector
-        Sectors in which the robot itself is seen, by bearing.
-    """
+    """Finds the `sectors` in which the range of a lidar stays the same while the robot drives and turns, by bearing."""
 
     def __init__(self) -> None:
         self.sectors: list[BodySector] = []

@@ -48,10 +48,8 @@ class Revolution:
     def add(self, message: Any) -> list[Any]:
         """Return the messages that are complete when this one has arrived: it, a whole revolution, or none.
 
-        Parameters
-        ----------
-        message : LaserScan or PointCloud2
-            A message with the fields of that type. The first one of a revolution becomes that of the revolution.
+        A `message` has the fields of a LaserScan or PointCloud2. The first one of a revolution becomes that of the
+        revolution.
         """
         before, self._last = self._last, message
         if not _is_sector(message):

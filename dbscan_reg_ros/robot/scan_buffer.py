@@ -14,13 +14,7 @@ T = TypeVar('T')
 
 
 class ScanQueue(Generic[T]):
-    """Scans of one lidar, in the order in which they came.
-
-    Attributes
-    ----------
-    stamps : RecentStamps
-        Stamps of the scans that came.
-    """
+    """Scans of one lidar, in the order in which they came; `stamps` are theirs."""
 
     def __init__(self) -> None:
         self.stamps = RecentStamps()
@@ -89,14 +83,9 @@ class OfLidar(NamedTuple):
 
 
 class RecordedScans:
-    """Scans of the lidars of a recording, in the order of their stamps.
+    """Scans of the lidars of a recording, numbered from `first` on, in the order of their stamps.
 
-    Parameters
-    ----------
-    streams : list of iterable of Scan
-        Scans of each lidar. Where stamps of one lidar go back, its scans keep their order.
-    first : int
-        Number of the first of these lidars.
+    Where stamps of one lidar go back, its scans keep their order.
     """
 
     def __init__(self, streams: Iterable[Iterable[Scan]], first: int = 0) -> None:

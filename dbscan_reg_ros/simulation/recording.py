@@ -8,13 +8,7 @@ from .simulate import Simulation
 
 
 class SimulatedRecording(Recording):
-    """The scans and true poses of a `Simulation` as a recording.
-
-    Parameters
-    ----------
-    name : str
-    simulation : Simulation
-    """
+    """The scans and true poses of a `Simulation` as a recording."""
 
     topic = 'scan'
 

@@ -39,12 +39,8 @@ class RobotRecording:
 
         A bag has the true poses and twists of the first lidar on ``/truth`` and the mountings of all lidars on
         ``/tf_static``. In a log, the laser poses are the true poses and the robot poses are the wheel odometry; a log
-        does not contain the gyroscope or further lidars.
-
-        Raises
-        ------
-        RecordingError
-            When no recording can be written at `target`, see `check_simulated`.
+        does not contain the gyroscope or further lidars. Raises a RecordingError when no recording can be written at
+        `target`, see `check_simulated`.
         """
         target = Path(target)
         check_simulated(target)

@@ -34,17 +34,9 @@ class Simulation:
 
 
 def simulate(world, path, lidar=Lidar(), seed=0, start=START) -> Simulation:
-    """Simulate the scans of `lidar` along `path`; the same seed gives the same scans.
+    """Simulate the scans of `lidar` along the `path` of the robot, from the stamp `start` [ns] on.
 
-    Parameters
-    ----------
-    world : World
-    path : Path
-        Path of the robot; the sensor is mounted at `lidar.mounting`.
-    lidar : Lidar
-    seed : int
-    start : int
-        Stamp [ns] at the start of the path.
+    The sensor is mounted at `lidar.mounting`; the same seed gives the same scans.
     """
     rng = np.random.default_rng(seed)
     times = np.arange(lidar.phase, path.duration - lidar.duration, 1.0 / lidar.rate)
@@ -56,18 +48,9 @@ def simulate(world, path, lidar=Lidar(), seed=0, start=START) -> Simulation:
 
 
 def measure(world, poses, lidar, rng, stamp=0, time=0.0) -> Scan:
-    """Simulate one scan.
+    """Simulate one scan with a `stamp` [ns] of a robot at `poses` ``(B, 3)`` at each beam, or ``(1, 3)`` [m, m, rad].
 
-    Parameters
-    ----------
-    world : World
-    poses : (B, 3) or (1, 3) float
-        The robot's pose x, y [m], theta [rad] at each beam, or one pose for all beams.
-    lidar : Lidar
-    rng : numpy.random.Generator
-    stamp : int [ns]
-    time : float [s]
-        Time that determines the positions of people.
+    People are where they are at `time` [s].
     """
     sensor = _mounted(np.asarray(poses, dtype=float), lidar.mounting)
     angles = sensor[:, 2] + lidar.geometry.bearings

@@ -38,21 +38,8 @@ def cost_of(path, lidars, parameters, objective='auto', limit=None):
     With ``consistency``, it is the difference between a forward and a backward pass plus the gaps at loops. With
     ``auto``, the objective is ``truth`` if the truth is known, else ``consistency``.
 
-    Parameters
-    ----------
-    path : Path
-    lidars : Lidars
-    parameters : NodeParameters
-    objective : str
-        One of `OBJECTIVES`.
-    limit : int or None
-
-    Raises
-    ------
-    RecordingError
-        When the recording cannot be read, or `objective` is ``truth`` and its true motion is unknown.
-    MountingError
-        When the mounting of one of several lidars is not known.
+    Raises a RecordingError when the recording cannot be read, or `objective` is ``truth`` and its true motion is
+    unknown; a MountingError when the mounting of one of several lidars is not known.
     """
     recording = lidars.open(path, parameters)
     known = _known(path, lidars.first, CloudParameters.of(parameters, lidars.first, lidars.mountings))

@@ -42,10 +42,7 @@ class Axis:
 def read_axis(text, parameters) -> Axis:
     """Read an axis from ``NAME`` or ``NAME=LOW:HIGH``.
 
-    Raises
-    ------
-    ParameterError
-        When the name is unknown, the parameter cannot be searched, or the range is invalid.
+    Raises a ParameterError when the name is unknown, the parameter cannot be searched, or the range is invalid.
     """
     name, _, given = text.partition('=')
     d = _searchable(name, parameters)

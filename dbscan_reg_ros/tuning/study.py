@@ -45,13 +45,8 @@ class Study:
     def run(self, trials, evaluate, watch):
         """Run trials until a given number is stored; return (cost, values) of the best trial.
 
-        Parameters
-        ----------
-        trials : int
-        evaluate : callable
-            Function of a dictionary trial number -> values that yields (number, cost) as each trial finishes.
-        watch : callable
-            ``watch(done, best cost)``, called after each trial.
+        `evaluate` maps trial number -> values, and yields (number, cost) as each trial finishes; ``watch(done, best
+        cost)`` is called after each.
         """
         search = SEARCHES[self._settings['search']](self._axes, self._settings['seed'])
         best, done = None, 0

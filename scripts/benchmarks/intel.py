@@ -15,10 +15,7 @@ from dbscan_reg_ros.recordings import data_folder, load_relations, open_recordin
 class Intel:
     """The folder ``intel`` of the data.
 
-    Raises
-    ------
-    RecordingError
-        When a file that is asked for cannot be read.
+    Raises a RecordingError when a file that is asked for cannot be read.
     """
 
     folder: Path

@@ -15,16 +15,9 @@ TOPICS = '/tf', '/tf_static'
 
 
 def describe_missing(node: Node, base: str, frame: str, parents: Mapping[str, str]) -> str:
-    """Describe why the transform from `base` to `frame` is not known, with a remedy where there is one.
+    """Describe why the transform from the frame `base` to that of the scans is not known, with a remedy.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that listens to the transforms.
-    base, frame : str
-        Names of the frames of the base and of the scans.
-    parents : mapping
-        Frame -> its parent, of all transforms received.
+    `parents` maps each frame to its parent, of all transforms received.
     """
     if not frame:
         return 'the scans name no frame (header.frame_id is empty): the driver has to set it'

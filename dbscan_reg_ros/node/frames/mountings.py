@@ -28,23 +28,13 @@ SAME = 1e-3
 class Mountings:
     """Finds the `Mounting` of each scan of one lidar, from the parameters or from transforms.
 
-    Parameters
-    ----------
-    base_frame : str
-    lidar : LidarParameters
-        The parameter ``mounting`` selects the source of the mounting of this lidar.
-    transforms : Transforms or None
-        Received transforms; None if tf2_msgs is not installed.
+    The parameter ``mounting`` of the `lidar` selects the source. `transforms` are None if tf2_msgs is not installed;
+    that is a ParameterError if ``mounting`` is tf.
 
     Attributes
     ----------
     change : str
         Warning that the mounting of the latest scan was sent again since the scan before; else empty.
-
-    Raises
-    ------
-    ParameterError
-        When ``mounting`` is tf and tf2_msgs is not installed.
     """
 
     def __init__(self, base_frame: str, lidar: LidarParameters, transforms: Transforms | None) -> None:
@@ -75,24 +65,16 @@ class Mountings:
         return self._transforms.lookup(self._base_frame, frame, stamp)[1]
 
     def find(self, frame: str, stamp: int, log: ThrottledLog) -> Mounting:
-        """Return the mounting of the lidar `frame` at the known time that is nearest to `stamp` [ns].
+        """Return the mounting of the lidar `frame` at the known time nearest to `stamp` [ns]; `log` gets warnings.
 
-        `log` is the log for warnings about the lidar.
-
-        Raises
-        ------
-        MountingError
-            When the mounting is not known yet, or the lidar is tilted.
+        Raises a MountingError when the mounting is not known yet, or the lidar is tilted.
         """
         return self._fixed or Mounting.from_matrix(self.matrix(frame, stamp, log))
 
     def matrix(self, frame: str, stamp: int, log: ThrottledLog) -> NDArray[np.float64]:
         """Return the matrix ``(4, 4)`` from the lidar `frame` to the base frame, as `find`, for any tilt of the lidar.
 
-        Raises
-        ------
-        MountingError
-            When it is not known yet.
+        Raises a MountingError when it is not known yet.
         """
         if self._fixed or frame == self._base_frame:
             return (self._fixed or Mounting()).matrix

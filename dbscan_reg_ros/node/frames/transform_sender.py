@@ -64,13 +64,6 @@ class TransformSender:
 
     Of several nodes of this package the one whose publisher has the lowest gid sends first.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that publishes.
-    parameters : NodeParameters
-        Names of the frames, ``publish_tf`` and ``invert_tf``.
-
     Attributes
     ----------
     active : bool

@@ -58,26 +58,10 @@ class TransformStore:
         self._moving.clear()
 
     def lookup(self, target: str, source: str, stamp: int) -> tuple[NDArray[np.float64], bool]:
-        """Look up the transform from one frame to another.
+        """Return the matrix ``(4, 4)`` from the frame `source` to `target` [m], and whether it is known at `stamp`.
 
-        Parameters
-        ----------
-        target, source : str
-            Names of the frames.
-        stamp : int
-            Time of the transform [ns].
-
-        Returns
-        -------
-        (4, 4) float
-            Transform of points [m] from `source` to `target`, at the known time nearest to `stamp`.
-        bool
-            Whether the transform is known at `stamp` itself.
-
-        Raises
-        ------
-        NoTransformError
-            When the frames are not connected.
+        It is that of the known time nearest to the `stamp` [ns]. Raises a NoTransformError when the frames are not
+        connected.
         """
         up, down = self._ancestors(source, stamp), self._ancestors(target, stamp)
         common = next((frame for frame in up if frame in down), None)

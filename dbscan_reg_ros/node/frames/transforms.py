@@ -28,23 +28,11 @@ COUNT_PERIOD = 0.2
 
 
 class TransformListener:
-    """Subscribes to /tf and /tf_static; needs tf2_msgs.
+    """Subscribes to /tf and /tf_static; needs tf2_msgs. Calls `on_transform` with each TransformStamped and its topic.
 
-    If `store` is false, transforms are received only to detect other senders of our transform. /tf is then subscribed
-    to only while another node publishes on it, because a subscription receives our own transforms, too.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that subscribes.
-    on_transform : callable
-        Function that is called with each received TransformStamped and its topic.
-    store : bool
-        Store the transforms for `lookup`.
-    is_urgent : callable
-        Function that returns whether a message on /tf wakes the executor; otherwise it waits for `poll` or `lookup`.
-    sender : TransformSender
-        Sender of our transform.
+    With `store` the transforms are kept for `lookup`; otherwise they are received only to detect other senders than our
+    `sender`. /tf is then subscribed to only while another node publishes on it, because a subscription receives our own
+    transforms, too. A message on /tf wakes the executor if `is_urgent()`, else it waits for `poll` or `lookup`.
     """
 
     def __init__(self, node: Node, on_transform: Callable[[TransformStamped, str], None], store: bool,

@@ -23,23 +23,9 @@ POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILIT
 
 
 def publisher(node: Node, kind: type, topic: str, quality: QoSProfile | int) -> Publisher:
-    """Create a publisher of messages of the type `kind`.
+    """Create a publisher of messages of the type `kind`, with a `quality` (an int: the depth of the queue) to override.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that publishes.
-    kind : type
-        Type of the messages.
-    topic : str
-        Name of the topic.
-    quality : QoSProfile or int
-        Quality of service if no parameter overrides it; an int is the depth of the queue.
-
-    Raises
-    ------
-    ParameterError
-        When a parameter that overrides the quality of service has an invalid value.
+    Raises a ParameterError when a parameter that overrides the quality of service has an invalid value.
     """
     return _made(node, topic, 'publisher', lambda options: node.create_publisher(
         kind, topic, copy.copy(quality), event_callbacks=NO_PUBLISHER_EVENTS, qos_overriding_options=options))

@@ -82,17 +82,10 @@ def _words(policy: ReliabilityPolicy | DurabilityPolicy) -> str:
 
 
 class Competition:
-    """Finds out whether several publishers send the scans of one lidar, from the numbers of the messages.
+    """Finds out whether several publishers send the scans of one lidar, from the numbers of the messages on a `topic`.
 
     Each publisher counts its messages. A number that is not above the last one means another publisher, or one that was
     started again.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that receives the scans.
-    topic : str
-        Topic of the scans.
     """
 
     def __init__(self, node: Node, topic: str) -> None:

@@ -9,13 +9,7 @@ KINDS = {'publishers': 'publisher', 'subscriptions': 'subscription', 'services':
 
 
 class GraphEntities:
-    """Publishers, subscriptions, services, timers and guard conditions created on a node after this object.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that the entities are created on.
-    """
+    """Publishers, subscriptions, services, timers and guard conditions created on a node after this object."""
 
     def __init__(self, node: Node) -> None:
         self._node = node

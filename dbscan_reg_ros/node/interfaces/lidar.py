@@ -35,34 +35,19 @@ class Callbacks(NamedTuple):
 
 
 class Lidar:
-    """One lidar: its topic, its scans, and the checks of its messages.
+    """One lidar: its `topic`, its scans, and the checks of its messages.
 
-    Parameters
-    ----------
-    topic : str
-        Topic of its scans.
-    several : bool
-        Whether there are several lidars: then the odometry estimates the pose of the base instead of that of the lidar.
-    node : rclpy.node.Node
-        The node that subscribes to the scans.
-    mountings : MountingSource
-        Where its mounting is found.
-    rank : int
-        Number of the lidar, from 0; `Sensor.rank`.
-    shares : Lidar, optional
-        The lidar that is subscribed to the topic, if this is another lidar on it.
+    With `several` lidars the odometry estimates the pose of the base instead of that of the lidar. `shares` is the
+    lidar that is subscribed to the topic, if this is another lidar on it.
 
     Attributes
     ----------
+    rank : int
+        Number of the lidar, from 0; `Sensor.rank`.
     frame : str
         Frame of its scans, if there are other lidars on its topic; else empty.
     frames : dict
         Frame of scans on its topic -> their lidar; first the frame of its own.
-    log : ThrottledLog
-        Log for warnings about its scans.
-    counters : Counters
-    reader : ScanReader
-    stamps : StampFilter
     input : InputParameters
         Selection of its scans, with the mask and the time offset of this lidar, and the type of its messages.
     name : str
@@ -205,15 +190,7 @@ class Lidar:
 
 
 class OdometryTrigger:
-    """Decides for which scans odometry is published: those of the first lidar that is not silent, or all.
-
-    Parameters
-    ----------
-    count : int
-        Number of lidars.
-    on_all : bool
-        Publish odometry for the scans of all lidars.
-    """
+    """Decides for which scans of `count` lidars odometry is published: of the first that is not silent, or `on_all`."""
 
     def __init__(self, count: int, on_all: bool = False) -> None:
         self._on_all = on_all

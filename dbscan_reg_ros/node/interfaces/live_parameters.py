@@ -21,11 +21,8 @@ INTEGERS = -2**63, 2**63 - 1
 class LiveParameters:
     """Keeps `NodeParameters` equal to the ROS parameters of a node.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Node created with ``automatically_declare_parameters_from_overrides=True``, so that the values of parameter
-        files and of the command line are known.
+    The node is created with ``automatically_declare_parameters_from_overrides=True``, so that the values of parameter
+    files and of the command line are known; an invalid one raises a ParameterError.
 
     Attributes
     ----------
@@ -34,11 +31,6 @@ class LiveParameters:
     changed : callable or None
         Called after each change, with the `NodeParameters` and the names of the parameters that were set, even to their
         old values; parameters set together are one change.
-
-    Raises
-    ------
-    ParameterError
-        When a parameter file or the command line sets an invalid value.
     """
 
     def __init__(self, node: Node) -> None:

@@ -34,10 +34,7 @@ fraction of the largest element."""
 def scan_to_message(scan: Scan) -> LaserScan:
     """Convert a scan to a LaserScan message, which `Scan.from_message` converts back to the same scan.
 
-    Raises
-    ------
-    ScanError
-        When the bearings are not uniform: a LaserScan cannot represent such a scan.
+    Raises a ScanError when the bearings are not uniform: a LaserScan cannot represent such a scan.
     """
     return filled(LaserScan(), scan_fields(scan))
 
@@ -82,10 +79,7 @@ def matrix_from_message(transform: Transform) -> Array | None:
 def planar_from_message(pose: Pose) -> SE2:
     """Convert a Pose message to a planar pose: x and y of the position, heading from the direction of the x axis.
 
-    Raises
-    ------
-    PoseError
-        When the message is not a valid pose.
+    Raises a PoseError when the message is not a valid pose.
     """
     p, q = pose.position, pose.orientation
     return SE2(*planar(p.x, p.y, (q.x, q.y, q.z, q.w)))
@@ -94,10 +88,7 @@ def planar_from_message(pose: Pose) -> SE2:
 def initial_pose(message: PoseWithCovarianceStamped, frame: str) -> InitialPose:
     """Convert a pose of the base, with its covariance, that has to be given in `frame`, or without a frame.
 
-    Raises
-    ------
-    PoseError
-        When the frame, the pose or the covariance is not valid.
+    Raises a PoseError when the frame, the pose or the covariance is not valid.
     """
     if message.header.frame_id not in ('', frame):
         raise PoseError(f'the pose is in {message.header.frame_id!r}; expected {frame!r}')
@@ -118,14 +109,8 @@ def segments_to_message(update: OdometryUpdate, origin: SE2, odom_frame: str) ->
 class PreparedMessage:
     """A message that is serialised once; filling and serialising the fields of each scan takes five times as long.
 
-    Parameters
-    ----------
-    message : ROS message
-        Message that ends with its numbers, all of them float64; a transform or an odometry does.
-    numbers : int
-        How many there are.
-    header : int
-        Bytes of its fields before the header.
+    The message ends with its `numbers` (how many), all of them float64; a transform or an odometry does. `header` are
+    the bytes of its fields before the header.
     """
 
     def __init__(self, message: Any, numbers: int, header: int = 0) -> None:

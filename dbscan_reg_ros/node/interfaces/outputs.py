@@ -48,26 +48,8 @@ class _KeyFrame:
 class Outputs:
     """Publishes ``odom`` and ``segments`` for each scan, ``path`` and ``local_map`` twice a second.
 
-    With ``publish_grid`` also ``local_grid``, when `publish_grid` is called.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that publishes.
-    parameters : NodeParameters
-        Parameters of the node; may be replaced at any time.
-
-    Attributes
-    ----------
-    odom : rclpy publisher
-        Publisher of the odometry.
-    lidars : int
-        Number of lidars.
-
-    Raises
-    ------
-    ParameterError
-        When a QoS override in the parameters is invalid.
+    With ``publish_grid`` also ``local_grid``, when `publish_grid` is called. The `parameters` and the number of
+    `lidars` may change at any time. Raises a ParameterError when a QoS override in the parameters is invalid.
     """
 
     def __init__(self, node: Node, parameters: NodeParameters) -> None:
@@ -92,16 +74,9 @@ class Outputs:
         self._predicted = -1
 
     def publish(self, update: OdometryUpdate, state: BaseState, origin: SE2) -> None:
-        """Publish the results of one scan.
+        """Publish the result of one scan, with the `state` of the base at the scan.
 
-        Parameters
-        ----------
-        update : OdometryUpdate
-            Result of the scan.
-        state : BaseState
-            State of the base at the scan.
-        origin : SE2
-            Pose, in `odom_frame`, of the frame in which `update` expresses poses.
+        `origin` is the pose, in `odom_frame`, of the frame in which `update` expresses poses.
         """
         if not 0 <= self._predicted - state.stamp <= self.parameters.time.max_jump * SECOND:
             self._odometry.publish(self.odom, state.stamp, odometry_numbers(state))

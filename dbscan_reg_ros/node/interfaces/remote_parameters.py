@@ -22,23 +22,9 @@ class RemoteError(DbscanRegError):
 
 
 def write_remote(name: str, values: Mapping[str, Any], timeout: float, arguments: Sequence[str] = ()) -> None:
-    """Set parameters of a running node; if one value is refused, none is changed.
+    """Set parameters, name -> value, of the running node with this full name; if one is refused, none is changed.
 
-    Parameters
-    ----------
-    name : str
-        Name of the node, with its namespace.
-    values : dict
-        Name of each parameter -> value to set.
-    timeout : float
-        Time to wait for a response [s].
-    arguments : list of str
-        ROS arguments.
-
-    Raises
-    ------
-    RemoteError
-        When the node does not respond in time, or refuses a value.
+    Raises a RemoteError when the node does not respond within `timeout` [s], or refuses a value.
     """
     request = SetParametersAtomically.Request(
         parameters=[Parameter(key, value=value).to_parameter_msg() for key, value in values.items()])

@@ -32,25 +32,10 @@ TYPES = {LASER_SCAN: LaserScan, POINT_CLOUD: PointCloud2}
 
 
 class ScanTopic:
-    """Subscribes to a topic and puts each scan into the inbox of its lidar.
+    """Subscribes to a topic and puts each scan into the inbox of its lidar, ``inbox_of(frame)``.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that subscribes.
-    kind : str
-        Type of the messages, in `TYPES`.
-    name : str
-        Name of the topic.
-    inbox_of : callable
-        ``inbox_of(frame)`` returns the `ScanInbox` of the lidar with this frame.
-    buffer : ScanBuffer
-        Holds the pending scans of all lidars, each with the time [s] of its arrival.
-
-    Raises
-    ------
-    ParameterError
-        When the quality of service that the parameters set is invalid.
+    `kind` is a key of `TYPES`. `buffer` holds the pending scans of all lidars, each with the time [s] of its arrival.
+    Raises a ParameterError when the quality of service that the parameters set is invalid.
     """
 
     def __init__(self, node: Node, kind: str, name: str, inbox_of: Callable[[str], 'ScanInbox'],
@@ -248,21 +233,9 @@ class StampFilter:
         self._used.append(stamp)
 
     def update(self, message: ScanMessage, max_jump: float) -> tuple[list[ScanMessage], ScanMessage | None]:
-        """Decide which scans to process when `message` has arrived.
+        """Decide which scans to process when `message` has arrived: return these, in order, and one to skip or None.
 
-        Parameters
-        ----------
-        message : ScanMessage
-            The latest scan.
-        max_jump : float
-            Largest step back of the stamps [s] that counts as jitter.
-
-        Returns
-        -------
-        list of ScanMessage
-            Scans to process now, in order.
-        ScanMessage or None
-            Scan to skip, because its stamp is wrong.
+        Steps back of the stamps of up to `max_jump` [s] count as jitter; the stamp of the scan to skip is wrong.
         """
         back = self.has_restarted(in_nanoseconds(message.header.stamp), max_jump)
         held, self.held = self.held, None

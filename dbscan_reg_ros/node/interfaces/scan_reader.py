@@ -39,15 +39,7 @@ class MountingSource(Protocol):
 
 
 class ScanReader:
-    """Converts messages of a lidar to `Scan`, and logs warnings about the messages.
-
-    Parameters
-    ----------
-    clock : rclpy.clock.Clock
-        Clock that the stamps are compared with.
-    log : ThrottledLog
-        Log for the warnings.
-    """
+    """Converts messages of a lidar to `Scan`, and logs warnings about them; the `clock` is that of the stamps."""
 
     def __init__(self, clock: Clock, log: ThrottledLog) -> None:
         self._clock = clock
@@ -82,18 +74,9 @@ class ScanReader:
              parameters: InputParameters) -> tuple[Scan, Mounting]:
         """Convert a message to the scan, without masked returns, of a sensor at the `aligned_pose` of a mounting.
 
-        Returns
-        -------
-        Scan
-        Mounting
-            Mounting of the lidar; that of a 3D lidar has no yaw, as its scans have the axes of the base.
-
-        Raises
-        ------
-        ScanError
-            When the message is not a valid scan.
-        MountingError
-            When the mounting is not known yet, or the lidar is tilted.
+        Returns both. The mounting of a 3D lidar has no yaw, as its scans have the axes of the base. Raises a ScanError
+        when the message is not a valid scan, and a MountingError when the mounting is not known yet, or the lidar is
+        tilted.
         """
         frame, stamp = message.header.frame_id, in_nanoseconds(message.header.stamp)
         if isinstance(message, PointCloud2):

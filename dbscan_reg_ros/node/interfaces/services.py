@@ -23,21 +23,8 @@ from .messages import PoseError, initial_pose
 class Services:
     """Services ``~/reset``, ``~/pause`` and ``~/snapshot``, and subscription to the topic ``set_pose``.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that offers the services.
-    parameters : NodeParameters
-        Parameters of the node; may be replaced at any time.
-    log : ThrottledLog
-        Log for the poses on ``set_pose`` that are refused.
-    reset : callable
-        Function of a reason and an `InitialPose`, or None for ``initial_pose``, that resets the odometry.
-
-    Attributes
-    ----------
-    paused : bool
-        Whether scans are ignored.
+    The `parameters` may be replaced at any time. `log` gets the poses that are refused. ``reset(reason, initial)``
+    resets the odometry to an `InitialPose`, or for None to ``initial_pose``. While `paused`, scans are ignored.
     """
 
     def __init__(self, node: Node, parameters: NodeParameters, log: ThrottledLog,

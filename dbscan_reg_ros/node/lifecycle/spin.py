@@ -27,23 +27,9 @@ FAILED = 1
 
 
 def run_node(name: str, description: str, make: Callable[[str], Node], argv: Sequence[str] | None = None) -> int:
-    """Run a node until SIGINT or SIGTERM.
+    """Run the node and command `name` until SIGINT or SIGTERM; `make` creates it after ROS is initialised.
 
-    Parameters
-    ----------
-    name : str
-        Name of the command and of the node.
-    description : str
-        Description of the command in the output of ``--help``.
-    make : callable
-        Function that creates the node with the name it is given; called after ROS is initialised.
-    argv : list of str, optional
-        Arguments; by default those of the process.
-
-    Returns
-    -------
-    int
-        0 after a signal, 2 when an argument or a parameter is wrong, 1 when a package is missing.
+    Return the exit status: 0 after a signal, 2 when an argument or a parameter is wrong, 1 when a package is missing.
     """
     argv = sys.argv[1:] if argv is None else list(argv)
     _parse(name, description, argv)

@@ -38,24 +38,8 @@ LEVELS = {Grade.TRACKING: DiagnosticStatus.OK, Grade.LOW_CONFIDENCE: DiagnosticS
 class Diagnostics:
     """Publishes level, message and values of the odometry on ``/diagnostics``.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that publishes.
-    lidars : list of Lidar
-        Lidars with the counters of their scans.
-    priors : Priors
-        The external priors.
-    log : ThrottledLog
-        Log for faults of the ROS graph.
-    sender : TransformSender
-        Sender of our transform.
-    odom : rclpy publisher
-        Publisher of our odometry.
-    is_paused : callable
-        Whether the odometry is paused.
-    in_map : callable or None
-        Returns the state of the localisation; None without a map.
+    `lidars` have the counters of their scans, `log` gets faults of the ROS graph. `in_map` returns the state of the
+    localisation; None without a map.
     """
 
     def __init__(self, node: Node, lidars: Sequence[Lidar], priors: Priors, log: ThrottledLog,  # noqa: PLR0913

@@ -51,18 +51,8 @@ class PlayerError(DbscanRegError):
 class Player:
     """ROS node that publishes scans on a `topic` and subscribes to ``odom``; use it in a ``with`` statement.
 
-    Parameters
-    ----------
-    arguments : list of str
-        ROS arguments, for example ``['--ros-args', '-r', 'scan:=laser']``.
-    clock : bool
-        Whether to publish ``/clock`` as well.
-    topic : str
-
-    Attributes
-    ----------
-    answers : Answers
-        Odometry for the scans that are being played.
+    `arguments` are ROS arguments, for example ``['--ros-args', '-r', 'scan:=laser']``; with `clock` also ``/clock`` is
+    published. `answers` has the odometry for the scans that are being played.
     """
 
     def __init__(self, arguments: Sequence[str] = (), clock: bool = False, topic: str = 'scan') -> None:
@@ -118,22 +108,11 @@ class Player:
         return problems
 
     def wait_for_node(self, timeout: float = 10.0, answering: bool = True) -> None:
-        """Wait until a node runs and is certain to receive the first scan.
+        """Wait until a node runs and is certain to receive the first scan, at most for the `timeout` [s].
 
         Discovery is mutual but not simultaneous: a node that has responded to a service call has discovered the
-        publishers and subscriptions of the player.
-
-        Parameters
-        ----------
-        timeout : float
-            Time to wait [s].
-        answering : bool
-            If false, the node need only subscribe to the scans; if true, it must also publish ``odom``.
-
-        Raises
-        ------
-        PlayerError
-            When no such node is found within `timeout`, or it does not respond.
+        publishers and subscriptions of the player. If `answering` is false, the node need only subscribe to the scans;
+        if true, it must also publish ``odom``. Raises a PlayerError when no such node is found, or it does not respond.
         """
         deadline = time.monotonic() + timeout
         while not (nodes := self._subscribers(answering)):
@@ -185,12 +164,8 @@ class Player:
         window : int
             In lockstep, number of scans that are published before their odometry arrives.
         patience : float
-            Time [s] to wait for the odometry of a scan; then playback goes on without this odometry.
-
-        Raises
-        ------
-        PlayerError
-            When odometry is missing and no node subscribes to the scans any more.
+            Time [s] to wait for the odometry of a scan; then playback goes on without this odometry. If no node
+            subscribes to the scans any more, that is a PlayerError.
         """
         self._begin()
         timeline, pace = self._timeline, rate and Pace(rate)

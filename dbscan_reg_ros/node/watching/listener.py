@@ -58,19 +58,9 @@ class WatchedScan(NamedTuple):
 class Listener:
     """ROS node that subscribes to ``scan``, ``odom`` and ``/diagnostics`` between `subscribe` and `unsubscribe`.
 
-    If the node has other or several lidars, `Listener` subscribes to the scans of each, and passes on the scans whose
-    stamps are those of odometry messages.
-
-    Parameters
-    ----------
-    on_scan : callable
-        Function that is called with each `WatchedScan`.
-    on_report : callable
-        Function that is called with level (0 to 3) and message of each diagnostics report of the node.
-    on_node : callable
-        Function that is called with the name of the node when another or a restarted node publishes the odometry.
-    arguments : list of str
-        ROS arguments.
+    If the node has other or several lidars, it subscribes to the scans of each, and passes on the scans whose stamps
+    are those of odometry messages: to `on_scan` as `WatchedScan`. `on_report` gets level (0 to 3) and message of each
+    diagnostics report of the node, `on_node` its name when another or a restarted node publishes the odometry.
     """
 
     def __init__(self, on_scan: Callable[[WatchedScan], None], on_report: Callable[[int, str], None],

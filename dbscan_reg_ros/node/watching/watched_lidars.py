@@ -23,17 +23,7 @@ PLAIN = NodeParameters.describe()
 
 
 class WatchedLidars:
-    """Converts the scans of all lidars of another node as that node does.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Our node, which requests the parameters.
-    name : str
-        Full name of the other node.
-    transforms : Transforms
-        Received transforms.
-    """
+    """Converts the scans of all lidars of the node with the full name `name` as that node does; our `node` asks it."""
 
     def __init__(self, node: Node, name: str, transforms: Transforms) -> None:
         self._node, self._namespace = node, name.rpartition('/')[0]
@@ -71,16 +61,9 @@ class WatchedLidars:
             self._parameters = NodeParameters()
 
     def read(self, topic: str, message: ScanMessage) -> tuple[Scan, Mounting]:
-        """Convert a message on a `topic`, with the stamp that the node gives it; as `ScanReader.read`.
+        """Convert a message on a `topic`, with the stamp that the node gives it; as `ScanReader.read`, with its errors.
 
         The parameters must be known.
-
-        Raises
-        ------
-        ScanError
-            When the message is not a valid scan.
-        MountingError
-            When the mounting is not known yet, or the lidar is tilted.
         """
         assert self._parameters is not None
         reader, mountings, given = self._lidar(topic, self._parameters)

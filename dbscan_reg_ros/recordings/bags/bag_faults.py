@@ -44,11 +44,7 @@ def unpacking_advice(path, start):
 def fault_of(path, words) -> str:
     """Return one line with the reason why the bag at `path` cannot be opened, and the remedy.
 
-    Parameters
-    ----------
-    path : Path
-    words : str
-        Reason of the reader, after a colon; shown if the bytes of the bag give no better one.
+    `words` are the reason of the reader, after a colon; shown if the bytes of the bag give no better one.
     """
     try:
         found = _of_folder(path) if path.is_dir() else _of_file(path)

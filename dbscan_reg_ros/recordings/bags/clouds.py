@@ -31,16 +31,9 @@ class CloudParameters:
     @classmethod
     def of(cls, parameters: NodeParameters | None = None, topic: str | None = None,
            mountings: Mapping[str, Mounting] = MappingProxyType({})) -> 'CloudParameters':
-        """Return those of the lidar on a `topic`.
+        """Return those of the lidar on a `topic`, None for the only one of the recording.
 
-        Parameters
-        ----------
-        parameters : NodeParameters, optional
-            By default those of a node to which none are given.
-        topic : str, optional
-            None: the only topic of the recording.
-        mountings : mapping
-            Topic -> `Mounting`, for those that the user gave.
+        `mountings`, topic -> `Mounting`, are those that the user gave; `parameters` by default those of a node.
         """
         parameters = parameters or NodeParameters()
         lidar = parameters.lidar(topic or '')
@@ -52,10 +45,7 @@ class CloudParameters:
     def reader(self, path, topic, frame) -> 'CloudReader':
         """Return the reader of the point clouds on a `topic` of a bag, in which the lidar has this `frame`.
 
-        Raises
-        ------
-        MountingError
-            When the transform from the lidar to the base is unknown.
+        Raises a MountingError when the transform from the lidar to the base is unknown.
         """
         if self.mounting:
             return CloudReader(self, self.mounting.matrix)
@@ -68,13 +58,7 @@ class CloudParameters:
 
 
 class CloudReader:
-    """Converts the point clouds of one lidar.
-
-    Parameters
-    ----------
-    parameters : CloudParameters
-    matrix : (4, 4) float
-        Transforms points [m] from the lidar frame to the base frame.
+    """Converts the point clouds of one lidar, whose `matrix` ``(4, 4)`` transforms points [m] to the base frame.
 
     Attributes
     ----------

@@ -14,10 +14,7 @@ from .bag_faults import fault_of, fault_of_part, kind_at, metadata_of, names_of
 def open_reader(path):
     """Provide the `BagReader` of the library that can read the bag at `path`, or its sound files.
 
-    Raises
-    ------
-    RecordingError
-        When the bag cannot be opened.
+    Raises a RecordingError when the bag cannot be opened.
     """
     for file in path.iterdir() if path.is_dir() else (path,):
         if not file.is_dir():
@@ -92,15 +89,8 @@ def is_ros1(path) -> bool:
 def bag_library(ros1=False):
     """Return the module that reads and writes bags: `with_rosbags` if `rosbags` is installed, else `with_rosbag2_py`.
 
-    Parameters
-    ----------
-    ros1 : bool
-        Whether the library must support ROS 1 bags, which `rosbag2_py` does not.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        When no library is installed; the error names `rosbags`, which can be installed on any system.
+    Only the former supports ROS 1 bags. Raises a ModuleNotFoundError when no library is installed, which names
+    `rosbags`: it can be installed on any system.
     """
     if ros1 or find_spec('rosbags') or not find_spec('rosbag2_py'):
         try:
@@ -121,19 +111,8 @@ METADATA = 'metadata.yaml'
 def sound_parts(library, folder, after=None):
     """Provide a reader of those files of a bag that can be opened, and a line about each of the others.
 
-    Parameters
-    ----------
-    library : module
-        Library that reads the bag.
-    folder : Path
-    after : str, optional
-        Name of a file: only those after it are read.
-
-    Yields
-    ------
-    BagReader or None
-        None if no file can be opened, or the bag does not have several.
-    list of str
+    With `after` only the files behind the one of this name are read. The reader is None if no file can be opened, or
+    the bag does not have several.
     """
     names = names_of(folder)
     names, several = names[names.index(after) + 1 if after else 0:], len(names) > 1

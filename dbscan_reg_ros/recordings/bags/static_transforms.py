@@ -18,10 +18,7 @@ SAME = 1e-3
 def static_mounting(path, scans, base_frame, frame) -> Mounting | None:
     """Return the mounting of the lidar `frame`, with its `scans` on this topic of a bag; None if it is unknown.
 
-    Raises
-    ------
-    MountingError
-        When the lidar is tilted too far, or as `static_matrix`.
+    Raises a MountingError when the lidar is tilted too far, or as `static_matrix`.
     """
     matrix = static_matrix(path, scans, base_frame, frame)
     return None if matrix is None else Mounting.from_matrix(matrix)
@@ -31,12 +28,8 @@ def static_matrix(path, scans, base_frame, frame):
     """Return the matrix ``(4, 4)`` from the lidar `frame` to `base_frame`, as `static_mounting`, for any tilt.
 
     Where those on /tf_static do not connect both frames, those on /tf that do not change are used as well: older
-    recordings have no /tf_static.
-
-    Raises
-    ------
-    MountingError
-        When a transform between both frames is not valid, or was recorded with several values.
+    recordings have no /tf_static. Raises a MountingError when a transform between both frames is not valid, or was
+    recorded with several values.
     """
     for parents, faults in _transforms(path, scans):
         base, laser = _chain(parents, base_frame), _chain(parents, frame)

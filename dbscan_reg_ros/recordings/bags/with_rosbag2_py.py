@@ -22,13 +22,7 @@ class Connection(NamedTuple):
 
 
 class BagReader:
-    """An open ROS 2 bag, with the attributes of `with_rosbags.BagReader`.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the bag's folder, or of one file of the bag.
-    """
+    """An open ROS 2 bag, its folder or one of its files, with the attributes of `with_rosbags.BagReader`."""
 
     def __init__(self, path):
         self.path = path

@@ -113,14 +113,9 @@ def _with_definitions(path):
 
 
 class BagWriter:
-    """A bag that is written within a ``with`` statement.
+    """A bag that is written within a ``with`` statement: ``NAME.bag`` is a ROS 1 bag, any other `target` a ROS 2 bag.
 
-    Parameters
-    ----------
-    target : Path
-        ``NAME.bag`` becomes a ROS 1 bag, any other name the folder of a ROS 2 bag.
-    storage : str
-        Storage of a ROS 2 bag: ``mcap`` or ``sqlite3``.
+    `storage` is that of a ROS 2 bag: ``mcap`` or ``sqlite3``.
     """
 
     def __init__(self, target, storage):
@@ -236,13 +231,7 @@ EMPTY = {'string': '', 'bool': False, 'float32': 0.0, 'float64': 0.0}
 
 
 class MessageMaker:
-    """Makes serialised ROS 2 messages.
-
-    Attributes
-    ----------
-    store : rosbags.typesys.store.Typestore
-        Type store with the message types of ROS 2 Jazzy.
-    """
+    """Makes serialised ROS 2 messages; its `store` has the message types of ROS 2 Jazzy."""
 
     def __init__(self):
         from rosbags.typesys import Stores, get_typestore
@@ -250,12 +239,9 @@ class MessageMaker:
         self._members = cache(self._members)
 
     def serialize(self, kind, fields):
-        """Return the message of type `kind`, such as ``nav_msgs/msg/Odometry``, as CDR.
+        """Return the message of type `kind`, such as ``nav_msgs/msg/Odometry``, as CDR, from nested `fields`.
 
-        Parameters
-        ----------
-        fields : dict
-            Field name -> value, nested; fields left out are zero, empty, or the identity rotation.
+        Fields left out are zero, empty, or the identity rotation.
         """
         return self.store.serialize_cdr(self._make(kind, fields), kind)
 

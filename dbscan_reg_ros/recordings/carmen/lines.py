@@ -68,10 +68,7 @@ class Line(NamedTuple):
 def read_line(kind, words) -> Line:
     """Parse the `words` of a message of one of the `KINDS`.
 
-    Raises
-    ------
-    ValueError, IndexError
-        When the line is damaged.
+    Raises a ValueError or IndexError when the line is damaged.
     """
     return KINDS[kind](words)
 

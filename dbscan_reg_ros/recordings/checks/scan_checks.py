@@ -84,18 +84,9 @@ class ScanChecks:
         self._stamps = deque(maxlen=RECENT + 1)
 
     def look(self, fields, now=0) -> list:
-        """Return the warnings about a scan.
+        """Return the `ScanWarning` objects about a scan, its `ScanFields`; `now` is the clock [ns], 0 without one.
 
-        Parameters
-        ----------
-        fields : ScanFields
-        now : int
-            Time of the clock [ns]; 0 without a clock.
-
-        Returns
-        -------
-        list of ScanWarning
-            Scans with the same faulty value (angles, for instance) give the same warning object.
+        Scans with the same faulty value (angles, for instance) give the same warning object.
         """
         if not len(fields.ranges):
             return []
@@ -227,10 +218,7 @@ class Sighting:
 class ScanWatch:
     """Store the first warning of each kind that `ScanChecks` gives on a recording, and the number of each kind.
 
-    Attributes
-    ----------
-    seen : int
-        Number of scans checked so far.
+    `seen` scans were checked so far.
     """
 
     def __init__(self):

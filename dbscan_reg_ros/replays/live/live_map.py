@@ -15,15 +15,7 @@ FARTHEST = 1e5
 
 
 class LiveMap:
-    """Grid map that counts the returns in each cell.
-
-    Attributes
-    ----------
-    cell : float
-        Length of a cell [m].
-    version : int
-        Number of changes of the map so far.
-    """
+    """Grid map that counts the returns in each `cell` [m]; `version` is the number of changes of the map so far."""
 
     def __init__(self) -> None:
         self.cell = CELL

@@ -35,27 +35,14 @@ class NoFreePort(DbscanRegError):
 
 
 class PageServer:
-    """Serves the page of a `LiveDrive` in threads of its own; use it in a ``with`` statement.
+    """Serves the page of a `LiveDrive` in threads of its own at `host`; use it in a ``with`` statement.
 
-    Parameters
-    ----------
-    drive : LiveDrive
-    host : str
-        Address to listen at. If other computers can reach it, the address of the page contains a token.
-    port : int
-        Port to listen at; if it is busy, the next free port is used.
-    title : str
+    If `port` is busy, the next free port is used; without one or without the host that is a NoFreePort.
 
     Attributes
     ----------
-    host : str
-    port : int
-    token : str
-        Token in the address of the page; empty if none is needed.
-
-    Raises
-    ------
-    NoFreePort
+    host : str port : int token : str
+        Token in the address of the page, if other computers can reach `host`; else empty.
     """
 
     def __init__(self, drive: LiveDrive, host: str, port: int, title: str) -> None:
