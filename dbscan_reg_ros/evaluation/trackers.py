@@ -70,8 +70,8 @@ class Step:
 class Ours:
     """The package's own `Odometry`."""
 
-    def __init__(self, parameters):
-        self._odometry = Odometry(parameters)
+    def __init__(self, parameters, comparisons=None):
+        self._odometry = Odometry(parameters, comparisons)
         self._last = Step(SE2(), covariance=np.zeros((3, 3)))
 
     def process(self, scan: Scan, external: External = None) -> Step:
