@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arrays to a trajectory and a picture: python 08_arrays_to_a_picture.py, which makes the arrays in a simulation."""
+"""Arrays to a trajectory, a picture and a log: python 08_arrays_to_a_picture.py, which simulates the arrays."""
+from pathlib import Path
+
 import numpy as np
 
 from dbscan_reg_ros import SE2, Odometry, OdometryUpdate, Prior, Scan, ScanError, write_tum
 from dbscan_reg_ros.figures.plots import plot_map
+from dbscan_reg_ros.recordings.conversion import write_log
+from dbscan_reg_ros.recordings.recording import Record
 from dbscan_reg_ros.simulation import demo
 
 # What a driver of your own gives: points in any order [m], or ranges [m] and angles [rad]; a stamp [ns] for each scan.
-measured = demo().scans[:200]
+drive = demo()
+measured = drive.scans[:200]
 clouds = [(scan.points[scan.valid], scan.stamp) for scan in measured]
 
 odometry = Odometry()
@@ -25,5 +30,9 @@ for points, stamp in clouds:
 
 write_tum('trajectory.tum', updates)
 plot_map('map.pdf', scans, updates)
+# For replay, compare and the other commands, with the true poses of the sensor, or zeros where they are not known.
+nowhere = 0.0, 0.0, 0.0
+write_log(Path('drive.log'), [Record(scan, SE2.from_array(pose).as_tuple(), nowhere)
+                              for scan, pose in zip(measured, drive.truth, strict=False)])
 x, y, theta = updates[-1].pose
 print(f'{len(updates)} poses, the last one x {x:.2f} m, y {y:.2f} m, theta {theta:.2f} rad')

@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from dbscan_reg_ros.commands.replay import main as replay
-from dbscan_reg_ros.recordings import read_tum
+from dbscan_reg_ros.recordings import open_recording, read_tum
 
 LINES = 300
 """Of the Intel log."""
@@ -129,10 +129,12 @@ def test_a_recording_is_found_in_its_own_map(example, intel, tmp_path):
     assert numbers(last)[:2] == pytest.approx([0.0, 0.0], abs=5.0)
 
 
-def test_arrays_become_a_trajectory_and_a_picture(example, tmp_path):
+def test_arrays_become_a_trajectory_a_picture_and_a_log(example, tmp_path):
     """The robot drives along the corridor, turns around and comes back to 6.8 m."""
     assert example('08_arrays_to_a_picture') == '200 poses, the last one x 6.82 m, y -0.00 m, theta -3.14 rad\n'
     assert len(read_tum(tmp_path / 'trajectory.tum')[0]) == 200 and (tmp_path / 'map.pdf').read_bytes()[:4] == b'%PDF'
+    log = open_recording(tmp_path / 'drive.log')
+    assert len(log) == 200 and len(log.truth()[1]) == 200
 
 
 @pytest.mark.parametrize(('text', 'expected'), [
