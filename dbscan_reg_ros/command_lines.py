@@ -6,6 +6,7 @@ import shlex
 import shutil
 import site
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 PACKAGE = 'dbscan_reg_ros'
@@ -94,3 +95,15 @@ class _Version(argparse.Action):
 def add_version(parser):
     """Add the option ``--version`` to a parser."""
     parser.add_argument('--version', action=_Version, nargs=0, help='show version, and exit')
+
+
+def split_arguments(argv: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the arguments of the command, and the ROS arguments from ``--ros-args`` to ``--`` inclusive."""
+    own: list[str] = []
+    ros: list[str] = []
+    inside = False
+    for word in argv:
+        inside = inside or word == '--ros-args'
+        (ros if inside else own).append(word)
+        inside = inside and word != '--'
+    return own, ros

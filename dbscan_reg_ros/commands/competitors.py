@@ -52,7 +52,7 @@ class Competitor:
     @classmethod
     def with_trajectory(cls, text) -> 'Competitor':
         """Return the competitor ``NAME=FILE[@X,Y,DEG]``: the trajectory of another program."""
-        from ..evaluation.given_trajectories import GivenTrajectory
+        from ..evaluation.matching import GivenTrajectory
 
         name, _, file = text.partition('=')
         if not name or not file:

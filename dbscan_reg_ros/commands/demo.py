@@ -44,8 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def demo(args):
     """Play the recording to a newly started node, write the results and print the summary."""
-    from ..replays.faults import Faults
     from ..replays.lidars import given_mountings, mounting_in, scan_topics
+    from ..replays.result_folder import Faults
     from ..robot.parameter_files import read_parameters
     from ..robot.parameters import NodeParameters
 

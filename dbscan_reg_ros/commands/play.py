@@ -6,9 +6,8 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from ..command_lines import command_line
+from ..command_lines import command_line, split_arguments
 from ..endings import interruptible
-from ..node.lifecycle.ros_arguments import split_arguments
 from .command_line import (
     INTERRUPTED,
     SEVERAL,

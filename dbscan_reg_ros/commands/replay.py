@@ -152,10 +152,9 @@ def replay_one(path, lidars, parameters, options) -> Replayed:
 
     Raises a DbscanRegError when the recording cannot be read, or fewer than two of its scans can be used.
     """
-    from ..replays.faults import Faults
     from ..replays.lidars import lidars_of
     from ..replays.odometry import OwnBodies, describe_prior, recorded_motion, replay_odometry
-    from ..replays.result_folder import point_latest, register_command
+    from ..replays.result_folder import Faults, point_latest, register_command
     from ..replays.results import Results
     from ..replays.trajectory import too_few
     from ..robot.parameter_files import write_parameters

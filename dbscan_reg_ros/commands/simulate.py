@@ -103,7 +103,7 @@ def simulate(args):
     from ..recordings.conversion import check_target
     from ..simulation import WheelErrors, wheel_odometry, yaw_rates
     from ..simulation import simulate as record
-    from ..simulation.sensors import RobotRecording, check_simulated
+    from ..simulation.recording import RobotRecording, check_simulated
 
     check_limits(args)
     target = Path(args.target)

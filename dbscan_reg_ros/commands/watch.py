@@ -6,8 +6,8 @@ import socket
 import sys
 from collections.abc import Sequence
 
+from ..command_lines import split_arguments
 from ..endings import interruptible
-from ..node.lifecycle.ros_arguments import split_arguments
 from .command_line import INTERRUPTED, make_parser, port, run
 
 PORT = 8710

@@ -15,7 +15,7 @@ from ..core.odometry.calibration.compared_lidar import ComparedLidar
 from ..core.odometry.records import OdometryUpdate
 from ..core.odometry.verdict import LIMITS
 from ..core.registration.records import Status
-from ..recordings.checks.scan_warnings import Kind, ScanWarning
+from ..recordings.checks.scan_checks import Kind, ScanWarning
 from ..robot.own_body import OwnBody
 
 TIMED_SCANS = 200

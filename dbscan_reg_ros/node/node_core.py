@@ -24,7 +24,7 @@ from ..robot.scan_buffer import ScanBuffer
 from .frames.mountings import Mountings
 from .frames.transform_sender import TransformSender, transform_type
 from .frames.transforms import TransformListener
-from .interfaces.graph_entities import GraphEntities
+from .interfaces.endpoints import GraphEntities
 from .interfaces.lidar import Callbacks, Lidar, OdometryTrigger
 from .interfaces.live_parameters import LiveParameters
 from .interfaces.outputs import Outputs

@@ -14,9 +14,9 @@ from ..core.errors import ArgumentError, RecordingError
 from ..core.geometry.mounting import MAX_TILT
 from ..core.geometry.se2 import DOF, SE2
 from ..paths import check_file
-from .decimals import nanoseconds, seconds, to_float
 from .files import UNREADABLE, reason_of, replacing
 from .poses import FARTHEST, PoseError, planar, possible
+from .stamps import nanoseconds, seconds, to_float
 
 if TYPE_CHECKING:
     from ..core.odometry.records import OdometryUpdate

@@ -12,7 +12,7 @@ from ..core.odometry.calibration.odd_one import UNFIT, named
 from ..core.odometry.pipeline import Odometry
 from ..core.registration.records import Status
 from ..core.sensor import FIRST, Sensor
-from ..recordings.checks.scan_warnings import Kind
+from ..recordings.checks.scan_checks import Kind
 from ..recordings.recording import StampedPoses
 from ..robot.base_state import base_motion, external_prior, measured_prior, sensor_prior
 from ..robot.own_body import OwnBody, advice, described

@@ -17,7 +17,7 @@ from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.evaluation.methods import BenchmarkError
 from dbscan_reg_ros.recordings import open_recording
 
-from .bounds import at_most
+from .report import at_most
 from .trees import PACKAGE, built, environment, resolved, root
 
 UTM = '--lidar', 'hokuyo_utm30lx', '--world'

@@ -24,8 +24,7 @@ from dbscan_reg_ros.robot.parameter_files import read_parameters
 from dbscan_reg_ros.simulation import PRESETS, corridor, follow, hall, rooms, simulate
 from dbscan_reg_ros.simulation.raycasting import cast
 
-from .bounds import at_least, at_most
-from .report import Report
+from .report import Report, at_least, at_most
 
 WORLDS = {'rooms': rooms, 'corridor': corridor, 'hall': hall}
 DEFAULTS = 'defaults'

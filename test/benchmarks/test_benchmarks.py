@@ -10,14 +10,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from benchmarks.__main__ import main
-from benchmarks.bounds import Bound, at_least, at_most
 from benchmarks.lidars import silent
 from benchmarks.odometry import courses, drift
 from benchmarks.odometry.course import Course
 from benchmarks.odometry.drift import drive
 from benchmarks.registration import pairs, relations, synthetic
 from benchmarks.registration.covariance import calibration
-from benchmarks.report import Report
+from benchmarks.report import Bound, Report, at_least, at_most
 from benchmarks.trials import Outcome, Trial, summarise
 
 from dbscan_reg_ros.core.geometry.se2 import SE2

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from benchmarks.paper import figure4, paper, steps, table3
 from benchmarks.report import Report
-from benchmarks.views import two_views
+from benchmarks.trials import two_views
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.evaluation.methods import method

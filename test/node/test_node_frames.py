@@ -25,7 +25,7 @@ from ros_helpers import (
 
 from dbscan_reg_ros import SE2, Scan
 from dbscan_reg_ros.core.scan import in_nanoseconds
-from dbscan_reg_ros.node.frames.missing_transform import describe_missing
+from dbscan_reg_ros.node.frames.transforms import describe_missing
 
 SECOND = 1_000_000_000
 

@@ -23,8 +23,7 @@ from dbscan_reg_ros.core.odometry.calibration.relative_pose import Comparison, R
 from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.interfaces.lidar import Lidar, OdometryTrigger
 from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_to_message
-from dbscan_reg_ros.node.monitoring.disagreements import Disagreements
-from dbscan_reg_ros.node.monitoring.own_bodies import OwnBodies
+from dbscan_reg_ros.node.monitoring.disagreements import Disagreements, OwnBodies
 from dbscan_reg_ros.recordings.snapshots import read_snapshot
 from dbscan_reg_ros.robot.own_body import BodySector
 

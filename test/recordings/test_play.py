@@ -12,9 +12,8 @@ from ros_helpers import TIMEOUT, Peer
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 
-from dbscan_reg_ros.command_lines import command_line
+from dbscan_reg_ros.command_lines import command_line, split_arguments
 from dbscan_reg_ros.core.scan import in_nanoseconds
-from dbscan_reg_ros.node.lifecycle.ros_arguments import split_arguments
 from dbscan_reg_ros.node.playback.player import Player, PlayerError
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.playback import Schedule

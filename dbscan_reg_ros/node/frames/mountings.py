@@ -10,8 +10,8 @@ from ...core.errors import ParameterError
 from ...core.geometry.mounting import Mounting, MountingError
 from ...robot.parameters import mounting_from_parameters
 from ...robot.sensors import LidarParameters
-from ..errors import NoTransformError
 from ..throttled_log import ThrottledLog
+from .transform_store import NoTransformError
 
 
 class Transforms(Protocol):

@@ -8,8 +8,12 @@ from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
 from ...core.scan import in_nanoseconds
-from ..errors import NoTransformError
 from ..interfaces.messages import matrix_from_pose, pose_from_message
+
+
+class NoTransformError(LookupError):
+    """Two frames are not connected by transforms."""
+
 
 MAX_CHAIN = 100
 SPAN = 10_000_000_000

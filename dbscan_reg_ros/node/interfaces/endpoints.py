@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers and subscriptions without QoS events, whose QoS can be overridden by ROS parameters.
+"""Publishers and subscriptions without QoS events, whose QoS can be overridden, and all entities of a node.
 
 The ROS parameters are ``qos_overrides.TOPIC.publisher.POLICY`` and ``qos_overrides.TOPIC.subscription.POLICY``, where
 TOPIC is the resolved name of the topic.
@@ -60,3 +60,23 @@ def _is_valid(quality: QoSProfile) -> SetParametersResult:
     unknown = (ReliabilityPolicy.UNKNOWN, HistoryPolicy.UNKNOWN, DurabilityPolicy.UNKNOWN)
     return SetParametersResult(successful=quality.depth >= least and not any(
         policy in unknown for policy in (quality.reliability, quality.history, quality.durability)))
+
+
+KINDS = {'publishers': 'publisher', 'subscriptions': 'subscription', 'services': 'service', 'timers': 'timer',
+         'guards': 'guard_condition'}
+
+
+class GraphEntities:
+    """Publishers, subscriptions, services, timers and guard conditions created on a node after this object."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._before = self._all()
+
+    def destroy(self) -> None:
+        """Destroy all entities that were created on the node since the construction of this object."""
+        for entity, kind in self._all().items() - self._before.items():
+            getattr(self._node, f'destroy_{kind}')(entity)
+
+    def _all(self) -> dict[Any, str]:
+        return {entity: kind for plural, kind in KINDS.items() for entity in getattr(self._node, plural)}

@@ -10,7 +10,7 @@ from ...core.geometry.mounting import Mounting
 from ...core.parameters.features import ScanParameters
 from ...core.scan import Scan
 from ...core.sensor import FIRST, Sensor
-from ...recordings.checks.scan_warnings import Kind, ScanWarning
+from ...recordings.checks.scan_checks import Kind, ScanWarning
 from ...robot.parameter_groups import LASER_SCAN, InputParameters
 from ...robot.parameters import NodeParameters
 from ...robot.scan_buffer import RecentStamps, ScanBuffer

@@ -11,9 +11,7 @@ from ...core.geometry.mounting import Mounting
 from ...core.geometry.se2 import SE2
 from ...core.scan import Scan, in_nanoseconds
 from ...core.scan_geometry import ScanGeometry
-from ...recordings.checks.clouds import CloudChecks
-from ...recordings.checks.scan_checks import ScanChecks, ScanFields
-from ...recordings.checks.scan_warnings import BETWEEN_SCANS, ScanWarning
+from ...recordings.checks.scan_checks import BETWEEN_SCANS, CloudChecks, ScanChecks, ScanFields, ScanWarning
 from ...robot.mask import Mask
 from ...robot.parameter_groups import InputParameters
 from ...robot.point_cloud import no_points, scan_from_cloud

@@ -3,7 +3,7 @@
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from ...core.errors import ParameterError
-from ..interfaces.graph_entities import GraphEntities
+from ..interfaces.endpoints import GraphEntities
 from ..interfaces.live_parameters import LiveParameters
 from ..node_core import NodeCore
 from ..rclpy_internals import answer_impossible_transitions

@@ -13,11 +13,10 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from ...allocation import keep_freed_memory
-from ...command_lines import add_version, started_as
+from ...command_lines import add_version, split_arguments, started_as
 from ...core.errors import BuildError
 from ...paths import config_folder
 from ...requirements import MissingPackages, check_packages
-from .ros_arguments import split_arguments
 
 if TYPE_CHECKING:
     from rclpy.node import Node

@@ -20,8 +20,7 @@ from ..interfaces.lidar import Lidar
 from ..interfaces.scan_input import ScanInbox
 from ..priors import Priors
 from ..throttled_log import ThrottledLog
-from .disagreements import Disagreements
-from .own_bodies import OwnBodies
+from .disagreements import Disagreements, OwnBodies
 
 PERIOD = 1.0
 STALE_AFTER = 2.0

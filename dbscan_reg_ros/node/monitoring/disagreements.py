@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lidars whose scans disagree with those of others: named on /diagnostics, and once in the log."""
+"""Lidars that disagree with others, or see the robot itself: named on /diagnostics, and once in the log."""
 import math
 from collections.abc import Iterator, Sequence
 
 from ...core.geometry.se2 import SE2
 from ...core.odometry.calibration.odd_one import UNFIT, Named, named
 from ...core.odometry.calibration.relative_pose import RelativePose
+from ...robot.own_body import advice, described
 from ..interfaces.lidar import Lidar
 
 
@@ -81,3 +82,21 @@ def _remedy(lidar: Lidar, odd: Named) -> str:
     if odd.error.time_offset:
         remedies.append(f'set input.time_offset of it to {time_offset:.3f}')
     return ' and '.join(remedies) or 'drive curves and with different speeds, which shows the values to set'
+
+
+class OwnBodies:
+    """Describes for each lidar where it sees the robot itself."""
+
+    def __init__(self) -> None:
+        self._logged: dict[str, int] = {}
+
+    def found(self, lidars: Sequence[Lidar]) -> Iterator[str]:
+        """Yield a sentence for each lidar that sees the robot; log it when there are more sectors, with what to do."""
+        for lidar in lidars:
+            sectors = [each.in_lidar(lidar.counters.mounting) for each in lidar.counters.body.sectors]
+            if sectors:
+                text = described(sectors)
+                if len(sectors) > self._logged.get(lidar.sensor_name, 0):
+                    self._logged[lidar.sensor_name] = len(sectors)
+                    lidar.log.warn(f'{text}; {advice(lidar.name, bool(lidar.label), lidar.input.mask, sectors)}')
+                yield f'{lidar.label}{text}'

@@ -2,11 +2,14 @@
 """Player of recordings to a running node; collects the odometry that the node publishes."""
 import math
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 
+import numpy as np
 import rclpy
 from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.duration import Duration
@@ -27,8 +30,58 @@ from ...recordings.bags.bag import LASER_SCAN
 from ...recordings.message_fields import filled, message_class
 from ...recordings.playback import Channel, Played, Timeline
 from ..interfaces.messages import scan_to_message, stamp_to_message
-from .answers import Answers
-from .pace import Pace
+
+
+class Pace:
+    """Playback at a constant rate: the time of the recording runs `rate` times as fast as the steady clock."""
+
+    def __init__(self, rate: float) -> None:
+        self.rate = rate
+        self._start: tuple[int, float] | None = None
+
+    def remaining(self, due: int) -> float:
+        """Return the time [s] until the recording time reaches `due` [ns]; 0 at the first call."""
+        now = time.monotonic()
+        self._start = self._start or (due, now)
+        return self._start[1] + (due - self._start[0]) * 1e-9 / self.rate - now
+
+
+@dataclass
+class Answers:
+    """Odometry that a node published for the scans played to it."""
+
+    stamps: list[int] = field(default_factory=list)
+    """Stamps of all scans published [ns], in order."""
+    messages: list[Odometry | None] = field(default_factory=list)
+    """Odometry message for each scan; None if none was received."""
+    delays: list[float] = field(default_factory=list)
+    """Time [s] from publishing each scan to receiving its odometry; nan if none was received."""
+    unexpected_stamps: list[int] = field(default_factory=list)
+    """Stamps [ns] of odometry messages that do not match a scan that still lacks its odometry."""
+    passed: Counter[str] = field(default_factory=Counter)
+    """Topic -> number of messages published on this topic; scans are not counted."""
+    damaged: Counter[str] = field(default_factory=Counter)
+    """Topic -> number of messages that could not be decoded."""
+
+    @property
+    def lost(self) -> int:
+        """Number of scans that were published and have no odometry."""
+        return sum(message is None for message in self.messages)
+
+    @property
+    def unexpected(self) -> int:
+        """Number of odometry messages that do not match a scan that still lacks its odometry."""
+        return len(self.unexpected_stamps)
+
+    def poses(self) -> NDArray[np.float64]:
+        """Return the pose ``(N, 3)`` at each scan: x [m], y [m], yaw [rad]; nan if the scan has no odometry."""
+        poses = np.full((len(self.messages), 3), math.nan)
+        for row, message in zip(poses, self.messages, strict=True):
+            if message is not None:
+                pose = message.pose.pose
+                row[:] = pose.position.x, pose.position.y, 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
+        return poses
+
 
 DEPTH = 100
 WINDOW = 3

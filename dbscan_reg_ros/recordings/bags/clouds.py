@@ -11,7 +11,7 @@ from ...core.scan import Scan
 from ...robot.parameter_groups import InputParameters
 from ...robot.parameters import NodeParameters, mounting_from_parameters
 from ...robot.point_cloud import Array, no_points, scan_from_cloud
-from ..checks.clouds import CloudChecks
+from ..checks.scan_checks import CloudChecks
 from ..playback import only
 from .static_transforms import static_matrix
 

@@ -8,9 +8,8 @@ import numpy as np
 
 from ...core.scan import Scan
 from ...core.scan_geometry import ScanGeometry
-from ..decimals import nanoseconds, seconds, to_float
 from ..recording import Record
-from ..stamps import SECOND
+from ..stamps import SECOND, nanoseconds, seconds, to_float
 from ..trajectories import finite_numbers
 
 SETTINGS = {'laser_range_min': '0.0', 'laser_time_increment': '0.0', 'laser_frame': 'laser'}

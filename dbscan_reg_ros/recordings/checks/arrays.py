@@ -14,9 +14,7 @@ from ...core.registration import pipeline as registration
 from ...core.registration.records import Prior, Registration, expect_prior
 from ...core.scan import Scan, expect_scan
 from ...core.sensor import FIRST, Sensor
-from .ranges import RangeChecks
-from .scan_checks import ScanChecks, ScanFields
-from .scan_warnings import Kind
+from .scan_checks import Kind, RangeChecks, ScanChecks, ScanFields
 
 
 class Odometry(pipeline.Odometry):

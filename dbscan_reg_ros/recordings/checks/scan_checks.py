@@ -3,16 +3,165 @@
 import math
 import operator
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
+from ...core.errors import ScanError
+from ...core.no_return import NoReturn
 from ...core.scan import SECOND, in_nanoseconds
+from ...robot.point_cloud import some_points
 from ..stamps import equal
-from .ranges import RangeChecks
-from .scan_warnings import Kind, LastingWarnings, ScanWarning
+
+
+class Kind(Enum):
+    """Field or fault of a scan that a `ScanWarning` reports."""
+
+    FRAME = 'frame'
+    BEAMS = 'beams'
+    ANGLE_INCREMENT = 'angle_increment'
+    ANGLE_MAX = 'angle_max'
+    STAMP_ZERO = 'stamp_zero'
+    STAMP_EQUAL = 'stamp_equal'
+    STAMP_UNIT = 'stamp_unit'
+    STAMP_BACK = 'stamp_back'
+    CLOCK_BACK = 'clock_back'
+    STAMP_FUTURE = 'stamp_future'
+    TIME_INCREMENT = 'time_increment'
+    MILLIMETRES = 'millimetres'
+    CENTIMETRES = 'centimetres'
+    RANGE_MAX = 'range_max'
+    RANGE_MIN = 'range_min'
+    MOUNTING = 'mounting'
+    NO_RETURN = 'no_return'
+    OPTICAL_FRAME = 'optical_frame'
+
+
+BETWEEN_SCANS = Kind.BEAMS, Kind.STAMP_EQUAL, Kind.STAMP_UNIT, Kind.STAMP_BACK, Kind.CLOCK_BACK, Kind.TIME_INCREMENT
+"""Faults that are found by comparing a scan with those before it."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScanWarning:
+    """A fault in the fields of a scan: `text` names the value, the expected one and the remedy."""
+
+    kind: Kind
+    text: str
+
+
+class LastingWarnings:
+    """Gives the same warning object for each scan with the same fault."""
+
+    def __init__(self) -> None:
+        self._said: dict[Kind, tuple[object, ScanWarning]] = {}
+
+    def of(self, kind: Kind, key: object, text: Callable[[], str]) -> ScanWarning:
+        """Return the last warning of this `kind` if it has the same `key`, else a new warning."""
+        said = self._said.get(kind)
+        if said is None or said[0] != key:
+            said = self._said[kind] = key, ScanWarning(kind, text())
+        return said[1]
+
+
+TOO_LARGE = 100.0
+"""Median range above which ranges are taken as millimetres or centimetres: in metres no scan exceeds it."""
+BEYOND = 1.05
+"""Ratio of the median range to `range_max` above which the difference is no rounding error."""
+NEAREST = 0.05
+"""Ranges below this [m] are codes: drivers state with them why a return is missing."""
+SAME = 0.999
+"""Ranges above this fraction of the greatest range are regarded as equal; several such ranges mean missing returns."""
+SAMPLE, FEWEST = 256, 8
+"""Approximate number of beams whose ranges are checked, and the minimum number of their returns for a warning."""
+EVERY = 10
+"""Units and limits are checked in this many scans at the start, then in every scan whose number is a multiple of it."""
+UNITS = {1000: (Kind.MILLIMETRES, 'millimetres'), 100: (Kind.CENTIMETRES, 'centimetres')}
+"""Number in a metre -> unit that ranges are sent in by mistake."""
+ROOM = 0.5
+"""The median range in the right unit is at least this [m]."""
+STATED = 2.0, 500.0
+"""The `range_max` that a driver states is between these [m]."""
+STATED_MIN = 1.0
+"""The `range_min` that a driver states is at most this [m]."""
+
+
+class RangeChecks:
+    """Check the ranges of scans one by one."""
+
+    def __init__(self):
+        self._seen = 0
+        self._warnings = LastingWarnings()
+        self._no_return = NoReturn()
+        self._found = []
+
+    def look(self, fields) -> list:
+        """Return the warnings about the ranges of a scan, its `ScanFields`."""
+        if self._seen < EVERY or self._seen % EVERY == 0:
+            self._found = list(filter(None, [self._judge(fields)]))
+        self._seen += 1
+        return [*self._found, *self._codes(fields)]
+
+    def _codes(self, fields):
+        self._no_return.add(fields.ranges, fields.range_max, fields.angle_increment)
+        value = self._no_return.known
+        if value is None:
+            return []
+        return [self._warnings.of(Kind.NO_RETURN, value, lambda: (
+            f'many beams have exactly the same largest range, {value:.6g} m, scan after scan: it is used as no return; '
+            'expected inf for a beam without a return (REP-117): mend the driver, or leave it as it is'))]
+
+    def _judge(self, fields):
+        with np.errstate(invalid='ignore'):
+            values = np.asarray(fields.ranges[::max(len(fields.ranges) // SAMPLE, 1)], dtype=float)
+        values = np.sort(values[(values > NEAREST) & (values < math.inf)])
+        missing = len(values) - np.searchsorted(values, SAME * values[-1]) if len(values) else 0
+        if missing > 1:
+            values = values[:-missing]
+        if len(values) < FEWEST:
+            return None
+        median, low, high = float(values[len(values) // 2]), fields.range_min, fields.range_max
+        limits, is_beyond = f'range_min is {low:.6g} m, range_max {high:.6g} m', 0.0 < BEYOND * high < median
+        units = _units(values, low, high)
+        if median > TOO_LARGE or (is_beyond and units == [100]):
+            units = units or [1000]
+            kind, names = UNITS[units[0]][0], ' or '.join(UNITS[unit][1] for unit in units)
+            return self._warnings.of(kind, (low, high), lambda: (
+                f'the ranges look like {names}: half of them are above {median:.6g}, {limits}; expected metres, all '
+                f'three: have the driver divide by {" or ".join(map(str, units))}'))
+        if low >= high > 0.0:
+            kind = Kind.RANGE_MAX if is_beyond and median >= low else Kind.RANGE_MIN
+            return self._warnings.of(kind, (low, high), lambda: (
+                f'range_min is not below range_max: {limits}, and half of the ranges are above {median:.6g} m; '
+                'expected most of them between; every return counts as missing now: mend the limits in the driver'))
+        if is_beyond:
+            return self._warnings.of(Kind.RANGE_MAX, high, lambda: (
+                f'the ranges lie beyond range_max: half of them are above {median:.6g} m, {limits}; expected most of '
+                'them between; ranges beyond range_max count as missing returns: mend range_max in the driver'))
+        if median < low:
+            return self._warnings.of(Kind.RANGE_MIN, low, lambda: (
+                f'the ranges lie below range_min: half of them are below {median:.6g} m, {limits}; expected most of '
+                'them between; ranges below range_min count as missing returns: mend range_min in the driver'))
+        return None
+
+
+def _units(values, low, high):
+    """Return the `UNITS` in which sorted ranges ``(N,)`` that are no metres can be, by the limits that are stated."""
+    near, median, far = values[[len(values) // 20, len(values) // 2, len(values) * 19 // 20]]
+    found = []
+    for unit in UNITS:
+        fits = median >= ROOM * unit
+        if 0.0 < high <= STATED[1]:
+            fits &= far <= unit * high and near >= unit * low
+        elif math.isfinite(high) and high > 0.0:
+            fits &= STATED[0] * unit <= high <= STATED[1] * unit and low <= STATED_MIN * unit
+        if fits:
+            found.append(unit)
+    return found
+
 
 FUTURE = 1.0
 """A stamp ahead of the clock by more than this [s] causes a warning."""
@@ -240,3 +389,44 @@ class ScanWatch:
     def lines(self) -> list:
         """Return the `sightings` as text, one line for each kind of warning."""
         return [f'{s.warning.text} ({s.count} of {self.seen} scans, first scan {s.first})' for s in self.sightings]
+
+
+FEWEST_POINTS = 20
+"""Fewest points of a message that are judged."""
+ROOMS = 500.0, 3000.0
+"""Below the first median distance points cannot be in millimetres, above the second not in centimetres: they would be
+nearer than 0.5 m, or farther than 30 m."""
+STEEP, NEARLY_ALL = 0.5, 0.95
+"""The frame has the axes of a camera if this fraction of the points lies upwards of the sensor, steeper than this
+slope; a lidar or a camera that looks ahead sees at least as much below itself."""
+
+
+class CloudChecks:
+    """Check the point clouds of one lidar one by one."""
+
+    def __init__(self):
+        self._warnings = LastingWarnings()
+
+    def look(self, message, matrix) -> list:
+        """Return the warnings about a PointCloud2 message; `matrix` transforms points to the base frame."""
+        try:
+            points = some_points(message)
+        except ScanError:
+            return []
+        if len(points) < FEWEST_POINTS:
+            return []
+        median = float(np.median(np.linalg.norm(points, axis=1)))
+        if median > TOO_LARGE:
+            units = [unit for unit, fits in zip(UNITS, (median >= ROOMS[0], median <= ROOMS[1]), strict=True) if fits]
+            kind, names = UNITS[units[0]][0], ' or '.join(UNITS[unit][1] for unit in units)
+            return [self._warnings.of(kind, kind, lambda: (
+                f'the points look like {names}: half of them are farther away than {median:.6g}; expected metres: have '
+                f'the driver divide by {" or ".join(map(str, units))}'))]
+        turned = points @ matrix[:3, :3].T
+        if np.mean(turned[:, 2] > STEEP * np.hypot(turned[:, 0], turned[:, 1])) < NEARLY_ALL:
+            return []
+        frame = message.header.frame_id
+        return [self._warnings.of(Kind.OPTICAL_FRAME, frame, lambda: (
+            f'nearly all points lie above the sensor: they have the axes of a camera, z forward, but {frame!r} has z '
+            'up; expected x forward, or a transform from base_link to the optical frame (roll -90 deg, yaw -90 deg): '
+            'mend header.frame_id or the transform'))]

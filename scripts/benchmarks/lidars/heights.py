@@ -18,11 +18,11 @@ from dbscan_reg_ros.evaluation.metrics import evaluate
 from dbscan_reg_ros.simulation import PRESETS, Lidar, Path, Person, corridor, follow, hall, rooms, simulate
 from dbscan_reg_ros.simulation.worlds import box, clearance
 
-from ..bounds import at_most
 from ..odometry.course import Course
 from ..odometry.courses import FRONT, REAR
 from ..odometry.drift import OURS, SeveralLidars
 from ..odometry.drift import follow as tracked
+from ..report import at_most
 from .watched import Watched
 
 WORLDS = {'rooms': rooms, 'corridor': corridor, 'hall': hall}

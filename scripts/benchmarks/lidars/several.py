@@ -18,11 +18,11 @@ from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.evaluation.metrics import evaluate
 from dbscan_reg_ros.simulation import Lidar, corridor, follow, hall, rooms, simulate, with_people
 
-from ..bounds import at_most
 from ..odometry.course import Course
 from ..odometry.courses import FRONT, REAR
 from ..odometry.drift import OURS, SeveralLidars
 from ..odometry.drift import follow as tracked
+from ..report import at_most
 
 KINDS = {'rooms': rooms, 'corridor': corridor, 'hall': hall,
          'wide corridor': lambda seed: corridor(width=3.5, doors=5, seed=seed),

@@ -15,9 +15,9 @@ from dbscan_reg_ros.core.sensor import FIRST
 from dbscan_reg_ros.robot.scan_buffer import RecordedScans
 from dbscan_reg_ros.simulation import follow
 
-from ..bounds import at_most
 from ..odometry.courses import FRONT
 from ..odometry.drift import OURS
+from ..report import at_most
 from .several import KINDS, SECONDS, seen_by
 
 BEGIN, END = 0.32, 0.72

@@ -13,10 +13,9 @@ from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.calibration.comparisons import LidarComparisons
 from dbscan_reg_ros.evaluation.metrics import evaluate
 
-from ..bounds import at_least, at_most
 from ..odometry.courses import FRONT, REAR, scanners
 from ..odometry.drift import OURS, SeveralLidars, follow
-from ..report import Report
+from ..report import Report, at_least, at_most
 from . import heights, silent
 from .several import add_tables
 from .watched import Watched

@@ -19,8 +19,7 @@ from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.recordings.message_fields import odometry_numbers
 from dbscan_reg_ros.robot.base_state import base_state
 
-from ..bounds import at_most
-from ..report import Report
+from ..report import Report, at_most
 from .running_node import PATIENCE, cpu_seconds, graph, memory_mb, numbers_of, running_node, to_and_fro
 
 SCANS = 150_000

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..bounds import at_most
-from ..report import Report
+from ..report import Report, at_most
 from ..trees import built, resolved, root
 from .running_node import ALONE, PATIENCE, WARM_UP, graph, make_scans, play, running_node
 from .two_lidars import add_two_lidars

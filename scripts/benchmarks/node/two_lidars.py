@@ -12,8 +12,8 @@ import numpy as np
 
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
-from ..bounds import at_least, at_most
 from ..odometry.courses import FRONT, REAR
+from ..report import at_least, at_most
 from .running_node import play
 
 RATE, BEAMS = 15.0, 1081

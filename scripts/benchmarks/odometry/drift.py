@@ -23,8 +23,7 @@ from dbscan_reg_ros.recordings import data_folder, write_csv
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.robot.scan_buffer import RecordedScans
 
-from ..bounds import at_least, at_most
-from ..report import Report
+from ..report import Report, at_least, at_most
 from .course import Course, noised, scatter
 from .courses import COURSES
 

@@ -16,8 +16,7 @@ from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.evaluation.metrics import errors, final_error, path_lengths
 from dbscan_reg_ros.recordings.poses import relative
 
-from ..bounds import Bound, at_least, at_most
-from ..report import Report
+from ..report import Bound, Report, at_least, at_most
 from .courses import COURSES
 from .drift import OURS, chosen, drive
 

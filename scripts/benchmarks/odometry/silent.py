@@ -12,8 +12,7 @@ from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.evaluation.metrics import apart, errors
 from dbscan_reg_ros.recordings.poses import relative
 
-from ..bounds import at_most
-from ..report import Report
+from ..report import Report, at_most
 from .drift import OURS, chosen, drive
 from .honesty import total
 

@@ -17,8 +17,7 @@ from dbscan_reg_ros.evaluation.metrics import errors
 from dbscan_reg_ros.recordings import data_folder
 from dbscan_reg_ros.recordings.poses import relative
 
-from ..bounds import at_least, at_most
-from ..report import Report
+from ..report import Report, at_least, at_most
 from .drift import drive
 from .hard_courses import sparse_aces, sparse_buildings, sparse_intel
 

@@ -14,8 +14,7 @@ from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.evaluation.metrics import apart, errors
 from dbscan_reg_ros.recordings.poses import relative
 
-from ..bounds import at_least, at_most
-from ..report import Report
+from ..report import Report, at_least, at_most
 from . import moving_courses
 from .drift import chosen, drive, pose_within
 

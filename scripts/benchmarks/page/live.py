@@ -14,8 +14,8 @@ import numpy as np
 
 from dbscan_reg_ros.core.errors import DbscanRegError
 
-from ..bounds import Bound
 from ..node.running_node import PATIENCE, WARM_UP, graph, make_scans, memory_mb, running_node
+from ..report import Bound
 from .browser import Browser
 
 TURNS = 5

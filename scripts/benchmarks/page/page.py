@@ -15,8 +15,7 @@ from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.errors import DbscanRegError
 from dbscan_reg_ros.recordings import data_folder
 
-from ..bounds import at_most
-from ..report import Report
+from ..report import Report, at_most
 from . import live
 from .browser import Browser, find_browser
 

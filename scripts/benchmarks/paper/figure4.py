@@ -8,9 +8,9 @@ import numpy as np
 
 from dbscan_reg_ros.core.paper.pipeline import PAPER_MOTION, moved
 
-from ..bounds import at_least
 from ..intel import Intel
 from ..registration.synthetic import MIN_RETURNS
+from ..report import at_least
 from ..trials import Trial, failures, run, summarise, thinned
 
 SCANS = (

@@ -10,8 +10,7 @@ from dbscan_reg_ros.simulation import World, rooms
 
 from ..registration.relations import common_view
 from ..registration.synthetic import random_motion
-from ..trials import Trial, run
-from ..views import two_views
+from ..trials import Trial, run, two_views
 from .table3 import SICK
 
 PAIRS = 50

@@ -15,10 +15,9 @@ from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation import Lidar, rooms
 
-from ..bounds import at_most
 from ..intel import Intel
-from ..trials import Trial, failures, run, thinned
-from ..views import two_views
+from ..report import at_most
+from ..trials import Trial, failures, run, thinned, two_views
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,8 @@ from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.replays.occupancy_map import write_occupancy_map
 from dbscan_reg_ros.simulation import Lidar
 
-from ..bounds import at_least, at_most
 from ..intel import Intel
-from ..report import Report
+from ..report import Report, at_least, at_most
 from .starts import COVERED, PARAMETERS, RIGHT, Mapped, first_answer, floor_drive, floor_map, followed, kidnapped
 from .vote import Vote
 

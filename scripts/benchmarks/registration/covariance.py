@@ -14,9 +14,8 @@ from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.evaluation.methods import method
 from dbscan_reg_ros.simulation import LIDARS, Lidar, corridor, hall, rooms
 
-from ..bounds import Bound
-from ..report import Report
-from ..views import two_views
+from ..report import Bound, Report
+from ..trials import two_views
 from .synthetic import random_motion
 
 REGISTRATIONS = 1000

@@ -16,10 +16,9 @@ from dbscan_reg_ros.recordings.poses import compose, relative
 from dbscan_reg_ros.replays.loops import Loops
 from dbscan_reg_ros.simulation import Lidar, corridor, hall, rooms
 
-from ..bounds import at_most
 from ..intel import Intel
 from ..odometry.course import Course, simulated
-from ..report import Report
+from ..report import Report, at_most
 
 TOURS = {'rooms': (rooms, 4), 'halls': (hall, 3), 'corridors': (corridor, 3)}
 """Kind -> how a world is made, and number of worlds."""

@@ -23,8 +23,7 @@ from dbscan_reg_ros.simulation import LIDARS, World, corridor, hall, rooms, with
 from dbscan_reg_ros.simulation.worlds import box, clearance
 
 from ..report import Report
-from ..trials import Trial, attempt
-from ..views import two_views
+from ..trials import Trial, attempt, two_views
 
 LIDARS_BY_VIEW = {'180': 'sick_lms200', '270': 'hokuyo_utm30lx', '360': 'rplidar_a'}
 NOISES = {'low': 1.0, 'high': 3.0}

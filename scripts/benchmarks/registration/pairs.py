@@ -4,8 +4,8 @@
 A registration without a guess restarts a lost odometry and closes loops. Between the scans of a drive it has to be
 right nearly always, over 20 scans as often as the views overlap enough, and what it calls OK has to be right.
 """
-from ..bounds import at_least, at_most
 from ..intel import Intel
+from ..report import at_least, at_most
 from ..trials import Trial, rates, thinned
 
 BOUNDS = {

@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.evaluation.metrics import NEIGHBOURS_WITHIN
 
-from ..bounds import at_least
 from ..intel import Intel
+from ..report import at_least
 from ..trials import Trial, rates, thinned
 
 BOUNDS = {'relations_neighbour': at_least(0.99), 'relations_loop': at_least(0.985)}

@@ -10,9 +10,8 @@ from dbscan_reg_ros.evaluation.methods import method
 from dbscan_reg_ros.recordings import open_recording
 
 from .. import cost
-from ..bounds import at_most
 from ..intel import Intel
-from ..report import Report
+from ..report import Report, at_most
 from ..trials import Trial, run, summarise, thinned
 from . import pairs, synthetic
 

@@ -11,8 +11,8 @@ from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.paper.pipeline import PAPER_MOTION
 from dbscan_reg_ros.core.scan import Scan
 
-from ..bounds import at_least
 from ..intel import Intel
+from ..report import at_least
 from ..trials import Trial, rates, thinned
 
 SCANS = 200

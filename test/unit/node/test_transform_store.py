@@ -8,8 +8,7 @@ from rclpy.time import Time
 from ros_helpers import transform as transform_at
 
 from dbscan_reg_ros import SE2
-from dbscan_reg_ros.node.errors import NoTransformError
-from dbscan_reg_ros.node.frames.transform_store import TransformStore
+from dbscan_reg_ros.node.frames.transform_store import NoTransformError, TransformStore
 from dbscan_reg_ros.node.interfaces.messages import matrix_from_message
 
 SECOND = 1_000_000_000

@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros import Scan
-from dbscan_reg_ros.recordings.checks.clouds import CloudChecks
-from dbscan_reg_ros.recordings.checks.scan_checks import ScanChecks, ScanFields, ScanWatch
-from dbscan_reg_ros.recordings.checks.scan_warnings import Kind
+from dbscan_reg_ros.recordings.checks.scan_checks import CloudChecks, Kind, ScanChecks, ScanFields, ScanWatch
 
 SECOND = 10**9
 START = 1_700_000_000 * SECOND
