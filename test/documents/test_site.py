@@ -64,7 +64,7 @@ class Page(HTMLParser):
 
 
 def faults(site):
-    """What is wrong on the pages of a site: (page, link without a target) or (page, mark of an equation)."""
+    """What is wrong on the pages of a site: (page, link without a target) or (page, mark of an equation or of code)."""
     pages = {path: Page(path) for path in site.rglob('*.html')}
     for path, page in pages.items():
         for link in page.links:
@@ -73,7 +73,7 @@ def faults(site):
             anchors = pages[target].anchors if target in pages else {''}
             if not parts.netloc and (not target.exists() or unquote(parts.fragment) not in anchors):
                 yield path.stem, link
-        yield from ((path.stem, mark) for mark in re.findall(r'\$\$', page.text))
+        yield from ((path.stem, mark) for mark in re.findall(r'\$\$|`', page.text))
 
 
 @pytest.mark.usefixtures('docs_python')
@@ -85,6 +85,7 @@ def faults(site):
     ('<a href="other.html#none">1</a>', 'other.html#none'),
     ('<img src="none.gif">', 'none.gif'),
     ('<p>$$x^2$$</p>', '$$'),
+    ('<p>where `a</p><blockquote>b</blockquote>', '`'),
 ])
 def test_dead_links_missing_pictures_and_raw_equations_are_found(tmp_path, text, fault):
     (tmp_path / 'a.png').touch()
