@@ -83,28 +83,10 @@ def test_truth_and_wheels_of_public_logs(cases, name, truth, wheels):
         assert any('particle filter' in note for note in recording.notes)
 
 
-def way(count=12):
-    """Wheel odometry around a bend, and a corrected trajectory that differs from it slightly."""
-    wheels = np.array([(0.3 * k, 0.02 * k * k, 0.05 * k) for k in range(count)])
-    rng = np.random.default_rng(3)
-    return wheels, compose(wheels, rng.normal(0.0, 0.05, (count, 3)))
-
-
-def test_odom_lines_of_a_raw_way_beside_corrected_poses_are_the_wheels(tmp_path):
-    wheels, truth = way()
-    lines = [line for k in range(12) for line in (odom(k, wheels[k]), flaser(k, truth[k]))]
-    recording = open_recording(write_log(tmp_path / 'a.log', *lines))
-    assert recording.notes == [DIFFER]
-    assert np.abs(recording.wheel_odometry()[1] - wheels).max() < 1e-8
-    assert np.abs(recording.truth()[1] - truth).max() < 1e-8
-
-
-@pytest.mark.parametrize('late', [0.5])
-def test_odom_lines_between_the_scans_of_a_raw_log_are_no_correction(tmp_path, late):
-    wheels, _ = way()
-    steps = relative(wheels[:-1], wheels[1:])
-    scans = compose(wheels[:-1], late * steps)
-    lines = [line for k in range(11) for line in (odom(k, wheels[k]), flaser(k + late, scans[k]))]
+def test_odom_lines_between_the_scans_of_a_raw_log_are_no_correction(tmp_path):
+    wheels = np.array([(0.3 * k, 0.02 * k * k, 0.05 * k) for k in range(12)])
+    scans = compose(wheels[:-1], 0.5 * relative(wheels[:-1], wheels[1:]))
+    lines = [line for k in range(11) for line in (odom(k, wheels[k]), flaser(k + 0.5, scans[k]))]
     recording = open_recording(write_log(tmp_path / 'a.log', *lines, odom(11, wheels[11])))
     assert recording.notes == [] and recording.truth() is None
     assert np.abs(recording.wheel_odometry()[1] - scans).max() < 1e-8
@@ -129,25 +111,17 @@ def test_zero_poses_of_a_sensor_alone_beside_odom_lines_are_no_truth(tmp_path):
     assert recording.wheel_odometry()[1][-1].tolist() == pytest.approx([1.8, 0.0, 0.0])
 
 
-def test_a_corrected_log_keeps_its_truth_and_wheels_when_it_is_converted(cases, tmp_path):
-    original = open_recording(cases / 'carmen' / 'corrected_poses_taken_for_wheels.log')
-    convert(original.path, tmp_path / 'bag')
-    convert(original.path, tmp_path / 'a.log')
-    for recording in (open_recording(tmp_path / 'bag'), open_recording(tmp_path / 'a.log')):
-        assert recording.notes == []
+@pytest.mark.parametrize('name', ['corrected_poses_taken_for_wheels.log', 'no_return_32.767_and_zero_stamps.log'])
+def test_truth_and_wheels_are_kept_when_a_log_is_converted(cases, tmp_path, name):
+    """The second has no wheels."""
+    original = open_recording(cases / 'carmen' / name)
+    for target in ('bag', 'a.log'):
+        convert(original.path, tmp_path / target)
+        recording = open_recording(tmp_path / target)
         for ours, theirs in ((original.truth(), recording.truth()),
                              (original.wheel_odometry(), recording.wheel_odometry())):
-            assert (ours[0] == theirs[0]).all() and np.abs(relative(ours[1], theirs[1])).max() < 1e-8
-
-
-def test_the_truth_of_a_log_without_wheels_is_kept_when_it_is_converted(cases, tmp_path):
-    original = open_recording(cases / 'carmen' / 'no_return_32.767_and_zero_stamps.log')
-    counts, remarks = convert(original.path, tmp_path / 'bag')
-    assert counts == {'/truth': 40, '/scan': 40} and remarks == original.notes
-    convert(original.path, tmp_path / 'a.log')
-    for recording in (open_recording(tmp_path / 'bag'), open_recording(tmp_path / 'a.log')):
-        assert recording.wheel_odometry() is None
-        assert np.abs(recording.truth()[1] - original.truth()[1]).max() < 1e-8
+            assert (ours is None) == (theirs is None)
+            assert ours is None or ((ours[0] == theirs[0]).all() and np.abs(relative(ours[1], theirs[1])).max() < 1e-8)
 
 
 def test_a_damaged_odom_line_is_named_and_skipped(tmp_path):
@@ -172,17 +146,6 @@ def test_rlaser_and_rawlaser_lines_are_read(cases):
     assert raw.wheel_odometry() is None and raw.truth() is None
 
 
-@pytest.mark.parametrize('kind', ['RAWLASER', 'ROBOTLASER'])
-@pytest.mark.parametrize('number', [2])
-def test_every_number_of_rawlaser_and_robotlaser_is_read(tmp_path, kind, number):
-    recording = open_recording(write_log(tmp_path / 'a.log', robotlaser(number, 1.5, kind),
-                                         robotlaser(number, 2.5, kind)))
-    scan = next(recording.scans())
-    assert (recording.topic, recording.stamps()) == (f'{kind}{number}', [1_500_000_000, 2_500_000_000])
-    assert scan.ranges.tolist() == [1.0, 2.5, math.inf, 3.0, 4.0]
-    assert np.allclose(scan.geometry.bearings, [-1.2, -0.6, 0.0, 0.6, 1.2], atol=1e-6)
-
-
 def test_a_line_without_its_angular_step_has_that_of_its_view(tmp_path):
     lines = [robotlaser(1, stamp).replace(' 0.6 20.0', ' 0 20.0') for stamp in (1.5, 2.5)]
     scan = next(open_recording(write_log(tmp_path / 'a.log', *lines)).scans())
@@ -202,15 +165,6 @@ def test_of_several_scanners_the_front_one_is_taken_and_the_others_are_named(tmp
     assert recording.topic == 'FLASER' and recording.count == 2
     assert recording.notes == ['scans are taken from the FLASER lines; other lines with scans: RAWLASER1, RLASER']
     assert open_recording(log, 'RLASER').count == 1 and open_recording(log, 'RLASER').notes == []
-
-
-def test_a_log_without_scans_names_its_lines_and_those_that_are_read(tmp_path):
-    log = write_log(tmp_path / 'a.log', 'SYNC a', odom(1, (0, 0, 0)), odom(2, (0, 0, 0)))
-    with pytest.raises(RecordingError) as caught:
-        open_recording(log)
-    message = str(caught.value)
-    assert 'holds no laser scan; lines that are read: FLASER, RLASER, ' in message
-    assert 'lines of the file: 2 ODOM, 1 SYNC' in message
 
 
 # Missing returns and stamps in public logs
@@ -236,8 +190,7 @@ def test_intel_and_aces_are_read_unchanged(data, log, missing):
 
 
 @pytest.mark.parametrize(('name', 'fewest', 'first'), [
-    ('equal_stamps.log', 39, 1_018_930_000), ('zero_stamps_nan.log', 60, 1), ('negative_stamps.log', 37, 1),
-    ('no_return_32.767_and_zero_stamps.log', 36, 1)])
+    ('equal_stamps.log', 39, 1_018_930_000), ('negative_stamps.log', 37, 1)])
 def test_at_the_steady_guess_nearly_all_scans_of_logs_without_usable_stamps_register(cases, name, fewest, first):
     recording = open_recording(cases / 'carmen' / name)
     assert [note for note in recording.notes if 'stamps' in note] == [
@@ -257,19 +210,11 @@ def test_negative_stamps_of_a_log_are_shifted(tmp_path):
     assert recording.notes == ['stamps from -3.000 s on are shifted to start at 1 s'] and recording.problems == []
 
 
-def test_stamps_that_span_too_long_are_replaced_and_the_reason_is_noted(tmp_path):
-    lines = [flaser(stamp) for stamp in (1e9, 1e9 + 1, 4.2e9, 1e9 + 3)]
-    recording = open_recording(write_log(tmp_path / 'a.log', *lines))
-    assert recording.notes == ['stamps are of no use (they span 68 years or more): scans are assumed to be 1 s apart']
-    assert recording.stamps() == [10**18 + k * 10**9 for k in range(4)]
-
-
 # Text
 
 @pytest.mark.parametrize('rewrite', [
-    lambda text: '\ufeff' + text, lambda text: text.replace('\n', '\r\n'), lambda text: text.replace(' ', '\t'),
-    lambda text: text.replace(' ', '  '), lambda text: '# caf\u00e9\n\n  \n' + text.replace('\n', '\n#comment\n'),
-    lambda text: text.replace(' 2.0 ', ' 2.0e+00 ')])
+    lambda text: '\ufeff' + text.replace('\n', '\r\n'), lambda text: text.replace(' ', ' \t'),
+    lambda text: '# caf\u00e9\n\n  \n' + text.replace('\n', '\n#comment\n').replace(' 2.0 ', ' 2.0e+00 ')])
 def test_a_log_that_an_editor_or_a_script_has_rewritten_is_read_as_before(tmp_path, rewrite):
     path = write_log(tmp_path / 'a.log', odom(0, (0, 0, 0)), *(flaser(k, (0.1 * k, 0, 0)) for k in range(4)))
     before = list(open_recording(path).records())
@@ -290,6 +235,7 @@ def test_a_file_without_scans_names_the_kinds_of_its_lines_only(tmp_path, text, 
     with pytest.raises(RecordingError) as caught:
         open_recording(path)
     message = str(caught.value)
+    assert 'holds no laser scan; lines that are read: FLASER, RLASER, ' in message
     assert f'lines of the file: {held}' in message and len(message) < 600
 
 
@@ -318,9 +264,8 @@ def test_register_convert_and_compare_tell_once_what_was_assumed(cases, tmp_path
         assert [said.count(note) for note in notes] == [1, 1, 1]
 
 
-@pytest.mark.parametrize('name', ['equal_stamps.log', 'zero_stamps_nan.log'])
-def test_replay_tells_once_what_was_assumed(cases, tmp_path, capsys, name):
-    path = cases / 'carmen' / name
+def test_replay_tells_once_what_was_assumed(cases, tmp_path, capsys):
+    path = cases / 'carmen' / 'zero_stamps_nan.log'
     notes = open_recording(path).notes
     assert replay([str(path), '--out', str(tmp_path)]) == 0
     output = capsys.readouterr().out

@@ -2,13 +2,14 @@
 """Comparing two parameter sets or methods: no false alarms, and what is worse is found."""
 import csv
 import json
+import re
 from itertools import islice
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from dbscan_reg_ros import RecordingError, open_recording
+from dbscan_reg_ros import open_recording
 from dbscan_reg_ros.commands.compare import main, note_deskewing
 from dbscan_reg_ros.commands.competitors import Competitor
 from dbscan_reg_ros.commands.replay import main as replay
@@ -18,14 +19,10 @@ from dbscan_reg_ros.evaluation.comparison import (
     Difference,
     Paired,
     difference,
-    mean_errors,
-    paired,
 )
-from dbscan_reg_ros.evaluation.known_motion import KnownMotion
 from dbscan_reg_ros.evaluation.metrics import path_lengths
 from dbscan_reg_ros.recordings.conversion import write_log
 from dbscan_reg_ros.recordings.recording import Record
-from dbscan_reg_ros.replays.trajectory import Trajectory
 
 
 def related_errors(rng, count=800, reach=20):
@@ -123,12 +120,6 @@ def test_wheels_and_a_second_lidar_are_used_as_in_a_replay(tmp_path, capsys):
     assert found['differences']['drive']['m']['b'] != found['differences']['drive']['m']['a']
 
 
-@pytest.mark.long
-def test_a_baseline_is_compared_like_a_parameter_set(compare):
-    code, _, content = compare('defaults', 'identity')
-    assert code == 1 and content['differences']['hall']['m']['b'] > 0.5
-
-
 def test_methods_that_get_the_scans_as_measured_are_named_where_another_corrects_the_motion(hall_recording, tmp_path):
     assert simulate([str(tmp_path / 'swept.log'), '--seconds', '1', '--lidar', 'hokuyo_urg04lx']) == 0
     (tmp_path / 'plain.yaml').write_text('/**: {ros__parameters: {odometry.deskew: false}}')
@@ -138,39 +129,6 @@ def test_methods_that_get_the_scans_as_measured_are_named_where_another_corrects
     assert note.startswith('A: with correction of the motion during a scan; C: scans as measured.')
     assert note_deskewing([plain, icp], [swept]) == note_deskewing([corrected, still], [swept]) == []
     assert note_deskewing([corrected, icp], [at_once]) == []
-
-
-def test_scans_that_only_one_could_use_are_left_out():
-    stamps = np.arange(400) * 10**8
-    truth = np.column_stack((0.05 * np.arange(400), np.zeros((400, 2))))
-    full, lossy = Trajectory(), Trajectory()
-    for number, (stamp, pose) in enumerate(zip(stamps, truth, strict=True)):
-        for trajectory, lost in ((full, False), (lossy, number % 7 == 3)):
-            trajectory.used.append(not lost)
-            if not lost:
-                trajectory.stamps.append(stamp)
-                trajectory.poses.append(pose)
-    pair = paired(KnownMotion((stamps, truth), None, None), full, lossy)
-    assert pair.a.shape == pair.b.shape and np.abs(pair.a - pair.b).max() < 1e-12 and pair.block > 20
-
-
-def test_the_error_over_5_m_is_that_of_a_replay_and_unknown_without_true_poses():
-    rng = np.random.default_rng(0)
-    stamps = np.arange(300) * 10**8
-    truth = np.column_stack((0.05 * np.arange(300), np.zeros((300, 2))))
-    found = Trajectory(stamps=stamps.tolist(), poses=(truth + 0.01 * rng.normal(size=truth.shape)).tolist(),
-                       used=[True] * 300)
-    known = KnownMotion((stamps, truth), None, None)
-    expected = known.measures(stamps, found.pose_array())
-    assert mean_errors(known, found, found, 5.0) == (expected['rpe_5m_mean_m'], expected['rpe_5m_mean_deg'])
-    assert mean_errors(known, found, found, 15.0) is None
-    assert mean_errors(KnownMotion(None, None, None), found, found, 5.0) is None
-
-
-def test_without_truth_there_is_nothing_to_compare():
-    trajectory = Trajectory(stamps=[1, 2], poses=[(0.0, 0.0, 0.0)] * 2, used=[True, True])
-    with pytest.raises(RecordingError, match='the true motion is unknown'):
-        paired(KnownMotion(None, None, None), trajectory, trajectory)
 
 
 def test_without_truth_there_are_paths_ends_maps_and_differences_but_no_verdict(hall_recording, tmp_path, capsys):
@@ -203,19 +161,5 @@ def test_wide_intervals_about_0_decide_nothing(a, b, verdict):
 
 def test_a_wrong_name_is_one_line_that_says_what_there_is(hall_recording, capsys):
     assert main(['defaults', 'absent', str(hall_recording)]) == 2
-    assert capsys.readouterr().err == ('compare: absent: no such file; expected a parameter file, a parameter set: '
-                                       'defaults, '
-                                       'hokuyo_urg04lx, hokuyo_utm30lx, ldrobot_ld19, ldrobot_stl27l, lds, '
-                                       'lds_01, lds_03, omron_os32c, oradar_ms200, rplidar_a, rplidar_c1, '
-                                       'rplidar_s, sick_lms5xx, sick_tim, ydlidar_g, ydlidar_g6, ydlidar_tg, '
-                                       'ydlidar_x2, ydlidar_x4; or a method: '
-                                       'dbscan, paper, small_gicp, kiss-icp, icp, idc, icl, identity, '
-                                       'MODULE:FUNCTION\n')
-
-
-def test_results_that_cannot_be_written_are_refused_before_any_work(hall_recording, tmp_path, capsys):
-    (tmp_path / 'file').write_text('')
-    assert main(['identity', 'identity', str(hall_recording), '--processes', '1', '--out', str(tmp_path / 'file')]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == '' and printed.err.endswith('file: expected a folder, but a file has this name; choose '
-                                                      'another folder\n')
+    assert re.fullmatch('compare: absent: no such file; expected a parameter file, a parameter set: defaults, '
+                        'hokuyo_urg04lx, .*; or a method: dbscan, .*, MODULE:FUNCTION\n', capsys.readouterr().err)

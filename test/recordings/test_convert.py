@@ -230,22 +230,16 @@ def break_off(patch, count, error):
     ('lms511/static', 'nowhere/bag', {}, 'nowhere: no such folder'),
     ('lms511/static', 'a.mcap', {}, 'a ROS 2 bag is a folder'),
     ('lms511/static', 'b', {'topics': ['/odom']}, 'no topic /odom; there are /scan'),
-    ('intel/intel.log.gz', 'b', {'topics': ['/odom']}, 'no topic /odom; there are /laser_pose, /scan, /wheel_odom'),
     ('lms511/static', 'a.log', {'topic': '/odom'}, "no scans on '/odom'"),
     ('lms511/static', 'a.log', {'topics': ['/scan']}, 'topics to keep \\(/scan\\) apply to bags'),
     ('lms511/static', 'b', {'topic': '/scan'}, '--topic /scan applies to logs'),
     ('lms511/static', 'b', {'start': 50.0, 'end': 10.0},
      'from 50 to 10 s: expected a start of 0 s or later, and an end'),
-    ('lms511/static', 'b', {'end': math.nan}, 'from 0 to nan s: expected'),
     ('lms511/static', 'b', {'without': [Gap('/scan', 100.0, math.inf)]}, 'no message on /scan from 100 to inf s'),
     ('lms511/static', 'b', {'without': [Gap('/rear', 1.0, 2.0)]}, 'no topic /rear; there are /scan'),
     ('lms511/static', 'a.log', {'without': [Gap('/scan', 1.0, 2.0)]}, '--without applies to a bag'),
-    *((source, target, {'start': start},
-       f'from {start:g} to inf s: no message to keep; the recording lasts {length}')
-      for source, length in (('aces/aces.log.gz', 1318), ('lms511/static', 6))
-      for target in ('b', 'b.bag', 'b.log', 'b.log.gz') for start in (1e5, math.inf)),
-    ('intel/absent.log', 'b', {}, 'cannot be read'),
-    ('intel/pairs.csv', 'b', {}, 'holds no laser scan'),
+    ('aces/aces.log.gz', 'b', {'start': 1e5}, 'from 100000 to inf s: no message to keep; the recording lasts 1318'),
+    ('lms511/static', 'b.log', {'start': math.inf}, 'from inf to inf s: no message to keep; the recording lasts 6'),
 ])
 def test_what_cannot_be_converted_is_refused_and_nothing_is_written(data, tmp_path, source, target, options, reason):
     (tmp_path / 'there').mkdir()
@@ -282,7 +276,7 @@ def test_the_command_says_what_it_wrote(data, tmp_path, capsys):
 @needs_rosbags
 def test_the_command_leaves_out_a_part_of_a_topic(data, tmp_path, capsys):
     words = ['lms511/static', str(tmp_path / 'bag'), '--data', str(data)]
-    for span in (('2', '1'), ('1', '1'), ('-1', '2'), ('1', 'x'), ('nan', '2')):
+    for span in (('2', '1'), ('-1', '2'), ('nan', '2')):
         assert main([*words, '--without', '/scan', *span]) == 2
         assert capsys.readouterr().err == (f'convert: --without /scan {" ".join(span)}: expected TOPIC FROM TO, in s, '
                                            'with FROM before TO\n')
@@ -290,20 +284,3 @@ def test_the_command_leaves_out_a_part_of_a_topic(data, tmp_path, capsys):
     stamps = np.array(open_recording(tmp_path / 'bag').stamps())
     assert 30 < len(stamps) < 90 and (np.diff(stamps) > 0.9 * SECOND).sum() == 1
     assert capsys.readouterr().out.splitlines()[0].endswith('messages from 1 to 2 s left out')
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('source', ['intel/intel.log.gz', 'aces/aces.log.gz', *BAGS])
-def test_the_reference_reader_opens_our_mcap(data, tmp_path, source):
-    reader = pytest.importorskip('mcap.reader', reason='needs the Python package mcap')
-    counts, _ = convert(data / source, tmp_path / 'bag')
-    (path,) = (tmp_path / 'bag').glob('*.mcap')
-    with open(path, 'rb') as file:
-        opened = reader.make_reader(file)
-        channels = opened.get_summary().channels.values()
-        times = [(channel.topic, message.log_time) for _, channel,
-                 message in opened.iter_messages(log_time_order=False)]
-    assert {channel.message_encoding for channel in channels} == {'cdr'}
-    assert {channel.topic: sum(topic == channel.topic for topic, _ in times) for channel in channels} == counts
-    assert times == [(topic, time) for topic, time, _ in messages(tmp_path / 'bag')]
-    assert counts['/scan'] == open_recording(data / source).count

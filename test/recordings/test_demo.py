@@ -14,7 +14,7 @@ import pytest
 from bags import needs_rosbags, scan_bag
 from events import Reader
 
-from dbscan_reg_ros.commands.processes import Process, package_command
+from dbscan_reg_ros.commands.processes import Process
 from dbscan_reg_ros.recordings import open_recording, read_tum
 
 
@@ -74,8 +74,9 @@ def test_the_simulated_building_ends_within_2_percent_of_its_path(demo, tmp_path
 
 
 @needs_rosbags
-def test_every_scan_of_a_recording_is_answered_with_its_stamp(demo, beginning, tmp_path):
-    process = demo('urg04lx/exp1', '--data', beginning)
+def test_every_scan_of_a_recording_is_answered_with_its_stamp(demo, beginning, root, tmp_path):
+    """Also with the file of defaults, by which the laser's place is read from transforms."""
+    process = demo('urg04lx/exp1', '--data', beginning, '--params-file', root / 'config' / 'scan_matcher.yaml')
     assert process.wait(120.0) == 0, process.output()
     stamps, poses = read_tum(tmp_path / 'out' / 'trajectory.tum')
     assert stamps.tolist() == open_recording(beginning / 'urg04lx' / 'exp1').stamps() and len(stamps) > 190
@@ -109,28 +110,15 @@ def test_a_signal_ends_the_demo_and_its_node(demo, tmp_path, number, moment):
     assert not alive(node)
 
 
-def test_a_wrong_parameter_file_is_refused_before_anything_starts(demo, tmp_path):
-    (tmp_path / 'wrong.yaml').write_text('scan_matcher:\n  ros__parameters:\n    advanced.rotation.eps: -1.0\n')
-    process = demo('--params-file', tmp_path / 'wrong.yaml')
-    assert process.wait(15.0) == 2
-    assert re.fullmatch(r'demo: .*wrong\.yaml: advanced\.rotation\.eps = -1\.0: expected .*',
-                        process.output().splitlines()[-1])
-
-
-def test_the_simulated_building_has_one_lidar(demo, tmp_path):
-    path = tmp_path / 'two.yaml'
-    path.write_text('scan_matcher:\n  ros__parameters:\n    scan_topics: [front, rear]\n    mounting: tf\n')
-    process = demo('--params-file', path)
+@pytest.mark.parametrize(('parameters', 'words', 'says'), [
+    ('advanced.rotation.eps: -1.0', (), r'.*own\.yaml: advanced\.rotation\.eps = -1\.0: expected .*'),
+    ('scan_topics: [front, rear]', (), r'the simulated building has one lidar, not 2; .* topics /front, /rear'),
+    ('', ('absent.log',), 'absent.log: no such file here.*')])
+def test_what_cannot_be_shown_is_refused_in_one_line_before_anything_starts(demo, tmp_path, parameters, words, says):
+    (tmp_path / 'own.yaml').write_text(f'scan_matcher: {{ros__parameters: {{{parameters}}}}}')
+    process = demo('--params-file', tmp_path / 'own.yaml', *words)
     assert process.wait(60.0) == 2
-    assert process.output() == ('demo: the simulated building has one lidar, not 2; give a bag with the topics '
-                                '/front, /rear\n')
-
-
-def test_bad_input_is_one_line_and_starts_nothing(demo, tmp_path):
-    process = demo('absent.log')
-    assert process.wait(30.0) == 2
-    assert process.output().startswith('demo: absent.log: no such file here') and process.output().count('\n') == 1
-    assert not (tmp_path / 'out').exists()
+    assert re.fullmatch(f'demo: {says}\n', process.output()) and not (tmp_path / 'out').exists()
 
 
 def test_a_process_that_ignores_signals_is_stopped_with_its_children(tmp_path):
@@ -144,21 +132,6 @@ def test_a_process_that_ignores_signals_is_stopped_with_its_children(tmp_path):
                                           check=False).stdout.strip() not in ('', 'Z'):
         assert time.monotonic() < end
         time.sleep(0.01)
-
-
-def test_a_command_of_the_package_runs_in_this_interpreter(tmp_path):
-    with Process(package_command('--help'), tmp_path / 'log') as process:
-        assert process.wait(10.0) == 0
-    assert process.output().startswith('usage: ')
-
-
-@pytest.mark.long
-@needs_rosbags
-def test_the_defaults_as_a_parameter_file_change_nothing(demo, data, root):
-    """They say that the laser's place is read from transforms, of which a recording has none."""
-    process = demo('urg04lx/exp1', '--data', data, '--params-file', root / 'config' / 'scan_matcher.yaml')
-    assert process.wait(120.0) == 0, process.output()
-    assert 'skipped 0' in process.output()
 
 
 @pytest.mark.long

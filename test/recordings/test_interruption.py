@@ -7,7 +7,6 @@ import importlib.util
 import json
 import os
 import re
-import resource
 import signal
 import subprocess
 import sys
@@ -18,11 +17,7 @@ import pytest
 from bags import needs_rosbags
 
 from dbscan_reg_ros.commands.simulate import main as simulate
-from dbscan_reg_ros.commands.tune import main as tune
 from dbscan_reg_ros.recordings import read_tum
-from dbscan_reg_ros.replays.lidars import Lidars
-from dbscan_reg_ros.robot.parameters import NodeParameters
-from dbscan_reg_ros.tuning.objective import cost_of
 
 needs_ros = pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='needs ROS 2 (rclpy)')
 STARTED, ENDED = 90.0, 60.0
@@ -45,12 +40,6 @@ def running(pid):
         return False
 
 
-def cpu_seconds(pid):
-    """Processor time [s] of the processes below that of the number."""
-    fields = [Path(f'/proc/{child}/stat').read_text().rpartition(')')[2].split() for child in children(pid)]
-    return sum(int(field) for each in fields for field in each[11:13]) / os.sysconf('SC_CLK_TCK')
-
-
 def pending(pid, number):
     """Whether a signal is still to be taken by a process."""
     masks = re.findall(r'(?:Shd|Sig)Pnd:\t(\w+)', Path(f'/proc/{pid}/status').read_text())
@@ -71,13 +60,9 @@ def recordings(tmp_path_factory):
     files = [folder / 'a.log', folder / 'b.log']
     for seed, file in enumerate(files):
         assert simulate([str(file), '--world', 'hall', '--speed', '4', '--rate', '5', '--seed', str(seed)]) == 0
-        file.write_text(repeated(file.read_text().splitlines(), LAPS, 200.0))
+        lines = file.read_text().splitlines()
+        file.write_text(''.join(f'{later(line, 200.0 * k)}\n' for k in range(LAPS) for line in lines))
     return files
-
-
-def repeated(lines, count, seconds):
-    """Return the text of a CARMEN log with `count` copies of the lines, each `seconds` later than the one before."""
-    return ''.join(f'{later(line, seconds * k)}\n' for k in range(count) for line in lines)
 
 
 def later(line, seconds):
@@ -90,12 +75,12 @@ def later(line, seconds):
 
 @pytest.fixture
 def begun(root, tmp_path):
-    """``begun(ready, *words)``: a command of the package, or a benchmark, once it is `ready()` and has workers."""
+    """``begun(ready, *words)``: a command of the package once it is `ready()` and has workers."""
     begun = []
 
-    def begin(ready, *words, module='dbscan_reg_ros', workers=2):
-        process = subprocess.Popen([sys.executable, '-m', module, *map(str, words)], cwd=tmp_path, text=True,
-                                   env=os.environ | {'PYTHONPATH': os.pathsep.join(map(str, (root, root / 'scripts')))},
+    def begin(ready, *words, workers=2):
+        process = subprocess.Popen([sys.executable, '-m', 'dbscan_reg_ros', *map(str, words)], cwd=tmp_path, text=True,
+                                   env=os.environ | {'PYTHONPATH': str(root)},
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         begun.append(process)
         wait_until(lambda: (process.poll() is None or pytest.fail(process.communicate()[1]))
@@ -127,12 +112,10 @@ def test_an_interruption_while_modules_are_imported_ends_without_a_traceback(beg
     assert interrupted(process) == (status, '', f'{command}: interrupted\n')
 
 
-@pytest.mark.parametrize('number', [
-    pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGTERM,
-    pytest.param(signal.SIGHUP, marks=pytest.mark.long)], ids=lambda number: number.name)
+@pytest.mark.parametrize('number', [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.long)],
+                         ids=lambda number: number.name)
 def test_an_interrupted_search_ends_at_once_and_keeps_its_trials(begun, recordings, tmp_path, number):
-    short = recordings[0].with_name(f'short{number}.log')
-    lines = recordings[0].read_text().splitlines(keepends=True)
+    short, lines = tmp_path / 'short.log', recordings[0].read_text().splitlines(keepends=True)
     short.write_text(''.join(lines[:len(lines) // (4 * LAPS)]))
     trials = tmp_path / 'out' / 'trials.jsonl'
     words = ['tune', short, '--trials', '200', '--search', 'random', '--out', 'out', '--processes', '2']
@@ -141,53 +124,6 @@ def test_an_interrupted_search_ends_at_once_and_keeps_its_trials(begun, recordin
     kept = [json.loads(line)['number'] for line in trials.read_text().splitlines()]
     assert (code, errors) == (130, 'tune: interrupted\n') and len(set(kept)) == len(kept) >= 3
     assert f'kept        {len(kept)} of 200 trials in out; the same command continues from there' in output
-
-
-@pytest.mark.long
-def test_a_search_whose_trials_are_long_is_interrupted_before_one_can_end(begun, recordings, tmp_path):
-    """Three trials are done while the recording is short; then it is made 400 times as long, and the search goes on.
-
-    From start to end the command takes less processor time than one of those trials.
-    """
-    file, lines = tmp_path / 'a.log', recordings[0].read_text().splitlines()
-    file.write_text(repeated(lines[:len(lines) // 100], 1, 0.0))
-    cost_of(file, Lidars(), NodeParameters())
-    began = time.process_time()
-    cost_of(file, Lidars(), NodeParameters())
-    trial = 400 * (time.process_time() - began)
-    words = [str(file), '--search', 'random', '--out', str(tmp_path / 'out'), '--trials']
-    assert tune([*words, '3']) == 0
-    kept = (tmp_path / 'out' / 'trials.jsonl').read_bytes()
-    file.write_text(repeated(lines, 4, 200.0 * LAPS))
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    process = begun(lambda: True, 'tune', *words, '200', '--processes', '2')
-    started = cpu_seconds(process.pid)
-    wait_until(lambda: cpu_seconds(process.pid) > started + 3.0, STARTED)
-    code, output, errors = interrupted(process)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert (code, errors) == (130, 'tune: interrupted\n')
-    assert 'kept        3 of 200 trials' in output and (tmp_path / 'out' / 'trials.jsonl').read_bytes() == kept
-    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < trial
-
-
-@pytest.mark.long
-def test_a_search_on_long_recordings_is_interrupted_in_the_middle_of_a_trial(begun, recordings, tmp_path):
-    process = begun((tmp_path / 'out' / 'settings.json').exists, 'tune', *recordings, '--search', 'random', '--out',
-                    'out',
-                    '--processes', '2')
-    started = cpu_seconds(process.pid)
-    wait_until(lambda: cpu_seconds(process.pid) > started + 3.0, STARTED)
-    code, output, _ = interrupted(process)
-    assert code == 130 and 'kept        0 of 100 trials' in output
-
-
-@pytest.mark.long
-def test_an_interrupted_comparison_ends_at_once(begun, recordings, tmp_path):
-    process = begun(lambda: True, 'compare', 'defaults', 'icp', *recordings, '--processes', '2')
-    code, output, errors = interrupted(process)
-    assert (code, output) == (130, '') and errors.splitlines()[-1] == 'compare: interrupted'
-    assert all(line.endswith(' ...') for line in errors.splitlines()[:-1])
-    assert not (tmp_path / 'results' / 'compare').exists() or not list((tmp_path / 'results/compare').iterdir())
 
 
 @needs_rosbags
@@ -204,12 +140,6 @@ def test_an_interrupted_replay_ends_at_once_with_what_it_has(begun, recordings, 
     for track in tracks:
         with AnyReader([track.parent / 'bag']) as reader:
             assert sum(1 for _ in reader.messages()) == 3 * len(read_tum(track)[0]) > 0
-
-
-@pytest.mark.long
-def test_an_interrupted_benchmark_ends_its_process(begun):
-    code, _, errors = interrupted(begun(lambda: True, 'soak', module='benchmarks', workers=2))
-    assert (code, errors) == (130, 'bench: interrupted\n')
 
 
 @pytest.mark.long

@@ -45,8 +45,7 @@ def moving(k, *edges):
 
 
 @needs_rosbags
-@pytest.mark.parametrize('slash', ['', '/'], ids=['', 'slash'])
-@pytest.mark.parametrize('static', [('base_link', 'plate', PLATE), None], ids=['part', 'none'])
+@pytest.mark.parametrize(('static', 'slash'), [(('base_link', 'plate', PLATE), ''), (None, '/')], ids=['part', 'none'])
 def test_a_mounting_may_be_on_tf_as_in_recordings_without_tf_static(tmp_path, static, slash):
     edges = [('base_link', 'plate', PLATE), ('plate', 'front', PLATE.inverse() @ LASER)][1 if static else 0:]
     edges = [(slash + parent, slash + frame, pose) for parent, frame, pose in edges]
@@ -58,7 +57,7 @@ def test_a_mounting_may_be_on_tf_as_in_recordings_without_tf_static(tmp_path, st
 
 
 @needs_rosbags
-@pytest.mark.parametrize('tilt', [0.0, 0.1, -0.1])
+@pytest.mark.parametrize('tilt', [0.0, 0.1])
 def test_a_lidar_that_hangs_upside_down_is_known_by_its_transform(tmp_path, tilt):
     """It is rotated about its x axis, by half a turn and the `tilt` [rad], and then by the yaw."""
     message = transforms(SECOND, ('base_link', 'front', LASER))

@@ -8,7 +8,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from bags import SECOND, laser_scan, text, write_bag
+from bags import SECOND, laser_scan, write_bag
 
 from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.recordings import data_folder, find_recording, open_recording
@@ -44,22 +44,6 @@ def test_intel_keeps_the_order_of_the_file_and_its_stamps_to_the_nanosecond(data
     assert (recording.name, recording.topic, recording.frame_id) == ('intel', 'FLASER', 'laser')
 
 
-def test_all_scans_of_a_sensor_share_one_geometry(data):
-    geometries = {id(scan.geometry): scan.geometry for scan in open_recording(data / 'intel' / 'intel.log.gz').scans()}
-    (geometry,) = geometries.values()
-    assert geometry.size == 180
-    assert np.allclose(np.degrees(geometry.bearings), np.arange(-90, 90), atol=1e-5)
-
-
-@pytest.mark.parametrize(('log', 'missing', 'longest'),
-                         [('intel/intel.log.gz', 48459, 50.0), ('aces/aces.log.gz', 620, 50.0)])
-def test_a_missing_return_of_a_log_is_infinite(data, log, missing, longest):
-    ranges = np.array([scan.ranges for scan in open_recording(data / log).scans()])
-    assert np.isinf(ranges).sum() == missing
-    assert ranges[np.isfinite(ranges)].max() < longest
-    assert ranges.dtype == np.float32
-
-
 def test_aces_has_corrected_poses_beside_its_odometry(data):
     recording = open_recording(data / 'aces' / 'aces.log.gz')
     stamps, corrected = recording.truth()
@@ -67,13 +51,7 @@ def test_aces_has_corrected_poses_beside_its_odometry(data):
     assert len(stamps) == 440 and (stamps == odometry_stamps).all() and stamps.tolist() == recording.stamps()
     assert corrected[1].tolist() == [0.829539, -0.206873, -1.007360]
     assert odometry[1].tolist() == [0.884870, -0.176229, -1.001110]
-
-
-def test_intel_has_raw_odometry_and_no_corrected_poses(data):
-    recording = open_recording(data / 'intel' / 'intel.log.gz')
-    assert recording.truth() is None
-    stamps, poses = recording.wheel_odometry()
-    assert poses.shape == (5505, 3) and stamps.tolist() == recording.stamps()
+    assert open_recording(data / 'intel' / 'intel.log.gz').truth() is None, 'its odometry is raw'
 
 
 def test_a_laser_ahead_of_the_robot_is_no_correction(tmp_path):
@@ -118,16 +96,12 @@ def test_a_log_with_two_kinds_of_scans_asks_which(tmp_path):
 @pytest.mark.parametrize(('damaged', 'reason'), [
     ('FLASER 180 1.0 2.0 3.0', '4 values where 180 readings need 190'),
     ('FLASER', 'too few values'),
-    ('FLASER x 1.0', 'x'),
     ('FLASER 0 0 0 0 0 0 0 1.0 host 1.0', "number of readings '0': expected a whole number of at least 2"),
-    ('FLASER 2.0 1.0 2.0 0 0 0 0 0 0 1.0 host 1.0', "number of readings '2.0'"),
     (flaser([1.0, 'wall']), "'wall' is not a number"),
     (flaser([1.0, 2.0], stamp='yesterday'), "stamp 'yesterday' is no number of seconds"),
-    (flaser([1.0, 2.0], stamp='nan'), "stamp 'nan' is no number of seconds"),
     (flaser([1.0, 2.0], stamp='-3.0e9'), 'outside -1000000 to 4295967296 s: expected seconds'),
     (flaser([1.0, 2.0], odometry='1 nan 0'), 'expected finite numbers'),
     ('1.0 2.0 3.0 12.5 host 0.1', 'not a CARMEN message'),
-    ('\x01\xff\xfe', 'not a CARMEN message'),
 ])
 def test_a_damaged_line_is_named_and_skipped(tmp_path, damaged, reason):
     good = flaser([1.0, 2.0], stamp='1.5'), flaser([1.0, 2.0], stamp='2.5')
@@ -135,19 +109,6 @@ def test_a_damaged_line_is_named_and_skipped(tmp_path, damaged, reason):
     assert recording.stamps() == [1_500_000_000, 2_500_000_000]
     (problem,) = recording.problems
     assert problem.startswith('a.log:3: ') and reason in problem
-
-
-def test_damage_in_a_real_log_costs_only_the_damaged_lines(data, tmp_path):
-    with gzip.open(data / 'intel' / 'intel.log.gz', 'rt') as log:
-        lines = log.read().splitlines()
-    for number in (10, 500, 501, 5000):
-        lines[number - 1] = lines[number - 1][:len(lines[number - 1]) // 2]
-    lines[99] = lines[99].replace(' 1.', ' !.')
-    recording = open_recording(write_log(tmp_path / 'intel.log', *lines))
-    assert sum(1 for _ in recording.scans()) == 5500
-    assert len(recording.stamps()) == 5500
-    assert [problem.split(': ')[0] for problem in recording.problems] == [
-        f'intel.log:{number}' for number in (10, 100, 500, 501, 5000)]
 
 
 def test_a_cut_gzip_file_gives_what_it_holds(data, tmp_path):
@@ -169,16 +130,6 @@ def test_a_gzip_file_that_is_damaged_at_its_start_is_refused(data, tmp_path):
         path.write_bytes(content)
         with pytest.raises(RecordingError, match='the gzip file is cut off or damaged; copy it again from its source'):
             open_recording(path)
-
-
-def test_a_flipped_bit_in_a_gzip_file_is_a_problem_not_a_crash(data, tmp_path):
-    damaged = bytearray((data / 'aces' / 'aces.log.gz').read_bytes())
-    damaged[len(damaged) // 2] ^= 0xff
-    path = tmp_path / 'aces.log.gz'
-    path.write_bytes(damaged)
-    recording = open_recording(path)
-    assert 100 < len(recording.stamps()) <= 440
-    assert recording.problems
 
 
 def test_problems_are_named_once_however_often_the_log_is_read(tmp_path):
@@ -255,17 +206,6 @@ def test_two_topics_of_scans_ask_which(tmp_path):
         open_recording(bag, '/scan')
 
 
-def test_a_bag_without_scans_is_refused(tmp_path):
-    with pytest.raises(RecordingError, match='holds no sensor_msgs/msg/LaserScan'):
-        open_recording(write_bag(tmp_path / 'bag', [('/chatter', 1, text('hello'))]))
-
-
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_an_empty_bag_is_refused(tmp_path, storage):
-    with pytest.raises(RecordingError, match='bag: '):
-        open_recording(write_bag(tmp_path / 'bag', [], storage))
-
-
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_a_damaged_message_is_named_and_skipped(tmp_path, storage):
     messages = [laser_scan(1), b'\0\1\0\0short', laser_scan(2, angle_min=math.nan), laser_scan(3, increment=0.0),
@@ -283,7 +223,7 @@ def test_a_bag_whose_every_message_is_damaged_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize('path', ['lms511/static', 'urg04lx/exp1', 'ccny_demo/demo.bag'])
-@pytest.mark.parametrize('kept', [0.0, 0.01, 0.5, 0.999])
+@pytest.mark.parametrize('kept', [0.01, 0.5])
 def test_a_cut_bag_is_refused_or_read_up_to_the_cut(data, tmp_path, path, kept):
     if (data / path).is_dir():
         shutil.copytree(data / path, tmp_path / 'bag')
@@ -326,28 +266,21 @@ def test_what_cannot_be_read_is_refused_by_name(tmp_path):
 
 # Where they are
 
-def test_the_data_folder_is_the_argument_then_the_variable(tmp_path, monkeypatch):
-    (tmp_path / 'a').mkdir()
-    (tmp_path / 'b').mkdir()
+def test_recordings_are_found_here_or_below_the_folder_of_data(tmp_path, monkeypatch):
+    """It is the argument, or the variable; one that is named has to exist."""
+    for name in 'ab':
+        (tmp_path / name).mkdir()
+    (tmp_path / 'a' / 'a.log').touch()
     monkeypatch.setenv('DBSCAN_REG_DATA', str(tmp_path / 'b'))
-    assert data_folder(tmp_path / 'a') == tmp_path / 'a'
-    assert data_folder() == tmp_path / 'b'
-    with pytest.raises(RecordingError, match='absent: no such folder of recordings; name it with --data'):
-        data_folder(tmp_path / 'absent')
-
-
-def test_a_recording_is_found_below_the_data_folder(data):
-    assert find_recording('intel/intel.log.gz', data) == data / 'intel' / 'intel.log.gz'
-    with pytest.raises(RecordingError) as error:
-        find_recording('nowhere.log', data)
-    assert str(error.value) == f'nowhere.log: no such file here or in the folder of recordings {data}'
-
-
-def test_a_data_folder_that_was_named_has_to_exist(tmp_path, monkeypatch):
+    assert data_folder(tmp_path / 'a') == tmp_path / 'a' and data_folder() == tmp_path / 'b'
+    assert find_recording('a.log', tmp_path / 'a') == tmp_path / 'a' / 'a.log'
+    with pytest.raises(RecordingError, match=f'^a.log: no such file here or in the folder of recordings {tmp_path}/b'):
+        find_recording('a.log')
     monkeypatch.setenv('DBSCAN_REG_DATA', str(tmp_path / 'absent'))
-    assert find_recording(tmp_path) == tmp_path
-    with pytest.raises(RecordingError, match='absent: no such folder of recordings'):
-        find_recording('intel/intel.log.gz')
+    assert find_recording(tmp_path / 'a' / 'a.log') == tmp_path / 'a' / 'a.log'
+    with pytest.raises(RecordingError, match='absent: no such folder of recordings; name it with --data'):
+        find_recording('a.log')
+
 
 
 @pytest.mark.parametrize(('corrected', 'known'), [(0.5, True), (0.0, False)])

@@ -2,11 +2,8 @@
 """Register: one pair of scans, in numbers and in the figures of the paper."""
 import dataclasses
 import itertools
-import json
 import math
-import os
 import re
-import subprocess
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +13,6 @@ from benchmarks.odometry.places import wood
 
 from dbscan_reg_ros import DbscanRegError, Odometry, ParameterError, Parameters, Scan, Status
 from dbscan_reg_ros.commands.register import OF_A_DRIVE, _motion_during_scan, main
-from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.ring_band import Outcome
 from dbscan_reg_ros.core.geometry.se2 import SE2
@@ -25,9 +21,9 @@ from dbscan_reg_ros.core.registration.pipeline import register
 from dbscan_reg_ros.core.registration.records import Registration
 from dbscan_reg_ros.core.registration.status import failed
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
-from dbscan_reg_ros.figures.overlay import draw_overlay, ellipse
-from dbscan_reg_ros.figures.sheet import FIGURES, LAYOUT, SIZE, Drawing, draw_figures
-from dbscan_reg_ros.figures.steps import ScanSteps, Steps
+from dbscan_reg_ros.figures.overlay import draw_overlay
+from dbscan_reg_ros.figures.sheet import FIGURES, SIZE, Drawing, draw_figures
+from dbscan_reg_ros.figures.steps import Steps
 from dbscan_reg_ros.figures.texts import Timing, describe, fixed, heading_text
 from dbscan_reg_ros.paths import parameter_file
 from dbscan_reg_ros.recordings import open_recording, write_tum
@@ -174,21 +170,6 @@ def test_the_example_of_the_paper_is_a_scan_and_its_own_points_moved(intel, caps
     assert max(printed_error(text)) < 0.2
 
 
-def test_the_largest_panel_of_the_sheet_is_the_overlay_and_plans_mark_the_sensor(pair):
-    places = list(itertools.chain(*LAYOUT))
-    assert set(places) == set(FIGURES)
-    assert {name for name in FIGURES if places.count(name) > 1} == {'overlay'} and places.count('overlay') == 4
-    from matplotlib.figure import Figure
-    steps = Steps.of(*pair, Parameters())
-    for name in ('points', 'segments', 'overlay'):
-        figure = Figure(figsize=SIZE)
-        FIGURES[name].draw(figure, steps)
-        plans = [axes for axes in figure.axes if axes.axison and axes.get_label() != 'ellipse']
-        for axes in plans:
-            assert (0.0, 0.0) in {tuple(float(value[0]) for value in line.get_data()) for line in axes.lines
-                                  if len(line.get_xdata()) == 1 and isinstance(line.get_marker(), tuple)}
-
-
 def test_the_last_scan_of_a_snapshot_as_the_node_registered_it(snapshot, updates, capsys):
     assert main([str(snapshot), '--no-figures']) == 0
     text, transform = capsys.readouterr().out, updates[-1].registration.transform
@@ -254,29 +235,6 @@ def test_what_is_no_snapshot_and_what_is_nowhere_is_named(tmp_path, capsys):
     assert 'a.npz: no snapshot' in first and second.endswith('b.log: cannot be read: No such file or directory')
 
 
-def test_the_command_that_a_report_names_shows_the_pair(data, tmp_path):
-    log = tmp_path / "the robot's.log"
-    log.write_bytes(b''.join(itertools.islice(unpacked(data / 'intel' / 'intel.log.gz'), 120)))
-    assert replay([str(log), '--out', str(tmp_path)]) == 0
-    page = (tmp_path / "the robot's" / 'latest' / 'report.html').read_text()
-    found = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page)[1])
-    pair = found['pairs'][-1]
-    assert pair['on'] < pair['scan']
-    elsewhere = tmp_path / 'elsewhere'
-    elsewhere.mkdir()
-    environment = {name: value for name, value in os.environ.items() if name not in ('PYTHONPATH', 'VIRTUAL_ENV')}
-    subprocess.run(f'{found["register"]} {pair["on"]} {pair["scan"]}', shell=True, cwd=elsewhere, env=environment,
-                   check=True,
-                   timeout=120)
-    assert (elsewhere / 'results' / f"the robot's_{pair['on']}_{pair['scan']}" / 'latest' / 'sheet.png').exists()
-
-
-def unpacked(path):
-    import gzip
-    with gzip.open(path) as file:
-        yield from file
-
-
 def test_the_steps_are_those_of_the_registration(pair):
     steps = Steps.of(*pair, Parameters())
     for (_, scan), raw in zip(steps.scans, pair, strict=True):
@@ -290,19 +248,6 @@ def test_the_steps_are_those_of_the_registration(pair):
     assert steps.rotations.phi[steps.rotation] == pytest.approx(steps.registration.transform.theta, abs=0.02)
     distances, k = steps.rotation_distances()
     assert k == 1 and distances[-1] < steps.rotations.eps < distances[0]
-
-
-def test_the_filter_is_drawn_as_the_registration_had_it(data):
-    """Beside outliers, which make the ranges seem noisier before they are gone."""
-    for scan in itertools.islice(open_recording(data / 'intel' / 'intel.log.gz').scans(), 100, 160, 20):
-        steps = ScanSteps.of(scan, Parameters())
-        np.testing.assert_array_equal(np.flatnonzero(np.isfinite(steps.filtered[:, 0])), steps.features.beams)
-
-
-def test_points_beyond_the_limits_of_the_parameters_are_not_measured(pair):
-    steps = Steps.of(*pair, Parameters().replace({'scan.range_min': 1.0, 'scan.range_max': 5.0}))
-    radius = np.hypot(*steps.reference.measured.T)
-    assert np.nanmin(radius) >= 1.0 and np.nanmax(radius) <= 5.0 and np.nanmax(np.hypot(*pair[0].points.T)) > 5.0
 
 
 def test_pictures_for_a_paper_have_no_titles(updates, tmp_path):
@@ -361,29 +306,6 @@ def test_the_motion_during_a_scan_is_that_of_the_neighbours_not_of_the_pair(driv
     assert _motion_during_scan(alone, (straight, turning), 0.1, Parameters()) is None
 
 
-def test_the_pair_between_neighbouring_scans_is_registered_once(monkeypatch):
-    pairs = []
-    monkeypatch.setattr('dbscan_reg_ros.commands.register._rates',
-                        lambda first, second, _: pairs.append((first, second)) or (1.0, 2.0))
-    assert _motion_during_scan(dict(enumerate('abcd')), (1, 2), 0.1, Parameters()) == pytest.approx((0.1, 0.2))
-    assert pairs == [('a', 'b'), ('b', 'c'), ('c', 'd')]
-
-
-def test_figures_can_be_left_out(snapshot, tmp_path, capsys):
-    assert main([str(snapshot), '--no-figures', '--out', str(tmp_path / 'out')]) == 0
-    assert 'figures' not in capsys.readouterr().out and not (tmp_path / 'out').exists()
-
-
-def test_the_ellipse_holds_95_per_cent():
-    covariance = np.array([[4.0, 1.5], [1.5, 1.0]]) * 1e-4
-    edge = ellipse(covariance)
-    distance = np.einsum('ni,ij,nj->n', edge, np.linalg.inv(covariance), edge)
-    np.testing.assert_allclose(distance, 5.9915, rtol=1e-4)
-    drawn = np.random.default_rng(0).multivariate_normal((0.0, 0.0), covariance, 20000)
-    inside = np.einsum('ni,ij,nj->n', drawn, np.linalg.inv(covariance), drawn) < distance[0]
-    assert inside.mean() == pytest.approx(0.95, abs=0.01)
-
-
 @pytest.mark.parametrize('name', FIGURES)
 @pytest.mark.parametrize('steps_of', [lambda *pair: Steps.of(*pair, Parameters()), Steps.of_paper],
                          ids=['dbscan', 'paper'])
@@ -403,26 +325,6 @@ def test_no_words_of_a_figure_lie_on_others(pair, name, steps_of):
         assert not first.overlaps(second), (one, two)
     for axes in figure.axes:
         assert not axes.axison or (re.search(r'\[.+\]|segment|rank', axes.get_xlabel()) and axes.get_ylabel())
-
-
-@pytest.mark.parametrize('name', ['points', 'segments', 'rotation', 'overlay'])
-def test_ticks_are_round_numbers_and_plans_of_both_scans_show_the_same(pair, name):
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    figure = Figure(figsize=SIZE, layout='constrained')
-    FIGURES[name].draw(figure, Steps.of(*pair, Parameters()))
-    FigureCanvasAgg(figure).draw()
-    panels = {axes.get_label(): axes for axes in figure.axes if axes.axison}
-    for axes in panels.values():
-        for axis in (axes.xaxis, axes.yaxis):
-            step = np.diff(axis.get_ticklocs()[:2])[0]
-            assert round(step / 10.0 ** math.floor(math.log10(step) + 1e-9), 6) in (1, 2, 5) or step == 45.0
-    if name == 'rotation':
-        assert panels['all'].get_xticks().tolist() == [-180, -135, -90, -45, 0, 45, 90, 135, 180]
-    else:
-        limits = [(axes.get_xlim(), axes.get_ylim()) for label, axes in panels.items() if label != 'ellipse']
-        assert len(limits) > 1
-        np.testing.assert_allclose(limits, np.broadcast_to(limits[0], np.shape(limits)), atol=1e-6)
 
 
 def words_of(figure):

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+import shutil
 import subprocess
 
 import numpy as np
@@ -13,9 +14,8 @@ from bags import needs_rosbags, scan_bag
 from dbscan_reg_ros.commands.register import main as register
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.scan import SECOND, Scan
+from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
-from dbscan_reg_ros.figures.texts import LidarOfScan, LidarsOfPair
 from dbscan_reg_ros.recordings import interpolate, open_recording, write_tum
 from dbscan_reg_ros.recordings.poses import compose, relative
 from dbscan_reg_ros.replays.lidars import find_scans, turned
@@ -134,49 +134,22 @@ def test_a_lidar_may_be_upside_down_and_stamp_late(drives, numbered, tmp_path, c
     check_near(printed(output.out, 'motion'), true_motion(drives, '/front', stamps))
 
 
-def test_the_lasers_of_a_log_are_counted_together(tmp_path, capsys):
-    """Their mountings are the offsets of the recorded poses."""
-    world, half = rooms(seed=3), {'beams': 181, 'noise': 0.005}
-    path, rear = follow(world.tour[:2], speed=1.0), SE2(-0.25, 0.0, 1.0)
-    front = SE2(0.25, 0.0, 0.0)
-    drives = {kind: simulated(world, path, Lidar(mounting=mounting, rate=10.0, phase=phase, **half), seed=3)
-              for kind, mounting, phase in (('FLASER', front, 0.0), ('RLASER', rear, 0.04))}
-    lines = []
-    for kind, mounting in (('FLASER', front), ('RLASER', rear)):
-        drive = drives[kind]
-        robot = compose(drive.truth, mounting.inverse().as_array()[None])
-        for scan, laser, base in zip(drive.scans, drive.truth, robot, strict=True):
-            ranges = ' '.join(f'{min(value, 81.0):.3f}' for value in scan.ranges)
-            poses = ' '.join(f'{value:.6f}' for value in (*laser, *base))
-            lines.append((scan.stamp, f'{kind} {len(scan.ranges)} {ranges} {poses} {scan.stamp / SECOND:.6f} host '
-                          f'{scan.stamp / SECOND:.6f}'))
-    log = tmp_path / 'both.log'
-    log.write_text('\n'.join(line for _, line in sorted(lines)) + '\n')
-    for reference, current in ((40, 44), (41, 44), (41, 45)):
-        kinds = [('FLASER', 'RLASER')[number % 2] for number in (reference, current)]
-        words = str(reference), str(current), '--topic', 'RLASER', '--topic', 'FLASER'
-        assert register([str(log), *words, '--no-figures']) == 0
-        text = capsys.readouterr().out
-        for name, number, kind in zip(('reference', 'current'), (reference, current), kinds, strict=True):
-            assert f'{name:11} scan {number}, of the lidar on {kind}\n' in text
-        stamps = [drives[kind].scans[number // 2].stamp
-                  for number, kind in zip((reference, current), kinds, strict=True)]
-        check_near(printed(text, 'motion'), true_motion(drives, 'RLASER', stamps))
-
-
 @needs_rosbags
 def test_the_command_that_the_report_of_two_lidars_names_shows_the_pair(bag, numbered, tmp_path):
-    assert replay([str(bag), '--out', str(tmp_path), *TOPICS, *MOUNTINGS]) == 0
-    page = (tmp_path / 'two' / 'latest' / 'report.html').read_text()
+    named = shutil.copytree(bag, tmp_path / "the robot's")
+    assert replay([str(named), '--out', str(tmp_path), *TOPICS, *MOUNTINGS]) == 0
+    page = (tmp_path / "the robot's" / 'latest' / 'report.html').read_text()
     found = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page)[1])
     pair = found['pairs'][-1]
     assert [numbered[pair[name]][0] for name in ('on', 'scan')] == ['/front', '/front'] and pair['on'] < pair['scan']
     environment = {name: value for name, value in os.environ.items() if name not in ('PYTHONPATH', 'VIRTUAL_ENV')}
-    ended = subprocess.run(f'{found["register"]} {pair["on"]} {pair["scan"]} --no-figures', shell=True, cwd=tmp_path,
+    ended = subprocess.run(f'{found["register"]} {pair["on"]} {pair["scan"]}', shell=True, cwd=tmp_path,
                            env=environment, check=True, timeout=120, capture_output=True, text=True)
     interval = 1e-9 * (numbered[pair['scan']][1].stamp - numbered[pair['on']][1].stamp)
     assert f'\nreference   scan {pair["on"]}, of the lidar on /front\n' in ended.stdout
     assert f'\ntime        {interval:.3f} s from the reference to the current scan\n' in ended.stdout
+    shown = tmp_path / 'results' / f"the robot's_{pair['on']}_{pair['scan']}" / 'latest'
+    assert (shown / 'sheet.png').exists()
 
 
 def scans_at(*stamps):
@@ -193,13 +166,6 @@ def test_the_order_is_that_of_the_stamps_and_equal_stamps_begin_with_the_first_l
     assert {number: each[:2] for number, each in found.scans.items()} == {2: (0, 1), 7: (1, 2)}
     assert [sorted(own) for own in found.around] == [[0, 1, 2], [1, 2], []] and found.read == 10
     assert find_scans(streams, [1]).read == 3
-
-
-def test_a_motion_and_the_transform_between_two_lidars_are_converted_to_each_other():
-    lidars = LidarsOfPair('a', LidarOfScan(3, 'a', SE2()), LidarOfScan(4, 'b', SE2(-1.0, 0.0, math.pi)))
-    motion = lidars.motion_of(SE2(-0.5, 0.0, math.pi))
-    np.testing.assert_allclose(motion.as_array(), (0.5, 0.0, 0.0), atol=1e-12)
-    np.testing.assert_allclose(np.cos(lidars.transform_of(motion).theta), -1.0)
 
 
 @needs_rosbags
