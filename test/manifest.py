@@ -3,7 +3,7 @@
 import re
 
 NOT_IN_THE_MANIFEST = frozenset({
-    'atheris', 'colcon_core', 'colcon_python_setup_py', 'coverage', 'dask', 'distributed', 'kiss_icp', 'lz4', 'mcap',
+    'colcon_core', 'colcon_python_setup_py', 'coverage', 'dask', 'distributed', 'kiss_icp', 'lz4',
     'optuna', 'rosbags', 'shapely', 'small_gicp', 'wheel', 'xdist'})
 """Names of modules; a test that needs one is skipped where it is not installed."""
 
