@@ -14,7 +14,7 @@ from dbscan_reg_ros.core.features.oriented_points import OrientedPoints, high_le
 from dbscan_reg_ros.core.features.ring_band import Outcome, ring_band_filter
 from dbscan_reg_ros.core.features.surfaces import estimate_normals, find_breaks
 from dbscan_reg_ros.core.features.tables import build_free_space_profile, build_likelihood_field
-from dbscan_reg_ros.core.geometry.se2 import as_complex
+from dbscan_reg_ros.core.geometry.se2 import as_complex, as_vectors
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.scan import Scan
 
@@ -180,3 +180,9 @@ def test_a_bin_of_the_free_space_profile_has_the_ranges_of_the_beams_that_touch_
             assert found.far[k] == pytest.approx(ranges[before:after + 1].max())
         elif around[after] - around[before] > 3.0 * increment + 1e-9:
             assert found.near[k] == found.far[k] == 0.0
+
+
+@pytest.mark.parametrize('increment, count', [(0.5, 60), (math.radians(-2.0), 180), (1e-4, 2880)])
+def test_the_resolution_of_a_profile_is_that_of_the_beams_within_limits(increment, count):
+    around = 2.0 * np.exp(1j * np.radians(np.arange(-179.5, 180.0)))
+    assert len(build_free_space_profile(as_vectors(around), increment).near) == count

@@ -48,24 +48,10 @@ def test_a_small_motion_is_found(method):
 
 
 @pytest.mark.parametrize('method', BASELINES.values(), ids=BASELINES)
-def test_the_same_scan_twice_is_no_motion(method):
-    scan, _ = views(SE2())
-    metres, degrees = error(SE2(), register(method, scan, scan))
-    assert metres < 1e-9 and degrees < 1e-9
-
-
-@pytest.mark.parametrize('method', BASELINES.values(), ids=BASELINES)
 def test_a_guess_is_where_the_search_starts(method):
     truth = SE2(0.12, -0.05, 2.5)
     metres, degrees = error(truth, register(method, *views(truth), guess=SE2(0.05, 0.0, 2.45)))
     assert metres < 0.03 and degrees < 0.6
-
-
-@pytest.mark.parametrize('method', [icp, idc])
-def test_a_rotation_by_180_degrees_is_beyond_them(method):
-    truth = SE2(0.5, 0.4, 2.5)
-    metres, degrees = error(truth, register(method, *views(truth)))
-    assert metres > 0.1 or degrees > 2.0
 
 
 def test_icl_fails_without_lines():

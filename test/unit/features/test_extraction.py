@@ -8,24 +8,14 @@ import numpy as np
 import pytest
 from rooms import DEGREE, FULL, L_ROOM, look, outline
 
-from dbscan_reg_ros import Parameters, Scan, ScanError, ScanGeometry
-from dbscan_reg_ros.core.features import surfaces
+from dbscan_reg_ros import Parameters, Scan, ScanGeometry
 from dbscan_reg_ros.core.features.extraction import extract_features, extract_from_returns
 from dbscan_reg_ros.core.features.noise import estimate_noise
 from dbscan_reg_ros.core.features.poles import with_poles
 from dbscan_reg_ros.core.features.returns import Returns, deskew
-from dbscan_reg_ros.core.features.surfaces import estimate_normals, find_breaks
-from dbscan_reg_ros.core.geometry.se2 import as_complex, as_vectors
-from dbscan_reg_ros.core.parameters.features import ScanParameters, SegmentParameters
+from dbscan_reg_ros.core.parameters.features import ScanParameters
 
 PLAIN = Parameters().replace({'advanced.filter.test': 'off'})
-
-
-def normals_of(points, breaks=None, increment=DEGREE, **changes):
-    points = np.asarray(points, dtype=float)
-    breaks = np.zeros(len(points) - 1, dtype=bool) if breaks is None else np.asarray(breaks)
-    return as_vectors(estimate_normals(as_complex(points), breaks, increment, np.zeros(len(points)),
-                                       SegmentParameters(**changes)))
 
 
 @pytest.mark.parametrize('sign', [1.0, -1.0])
@@ -39,28 +29,6 @@ def test_normals_are_those_of_the_walls_and_face_the_sensor(sign):
     # All walls are parallel to an axis; only around the six corners a normal belongs to both.
     straight = np.abs(found.normals).min(axis=1) < 1e-6
     assert straight[known].mean() > 0.8
-
-
-def test_a_window_grows_to_its_reach_and_to_its_beams(monkeypatch):
-    """A wall at y = 1 m with one point, at x = 0, that lies 3 mm nearer and biases its normals."""
-    x = 0.04 * np.arange(20, -21, -1)
-    wall = np.column_stack((x, np.where(np.abs(x) < 0.01, 0.997, 1.0)))
-    for reach, beams, seen in ((0.0, 1, 1), (0.0, 3, 3), (0.21, 1, 5)):
-        monkeypatch.setattr(surfaces, 'NORMAL_REACH', reach)
-        monkeypatch.setattr(surfaces, 'NORMAL_BEAMS', beams)
-        normals = normals_of(wall)
-        turned = np.abs(normals[:, 0]) > 1e-6
-        # The point itself is in the middle of its window, which is not turned.
-        expected = (np.abs(np.arange(-20, 21)) <= seen) & (np.arange(-20, 21) != 0)
-        assert turned.tolist() == expected.tolist(), (reach, beams)
-
-
-def test_a_point_with_fewer_than_three_neighbours_or_without_direction_has_no_normal():
-    points = [(1.0, 1.0), (0.9, 1.0), (0.8, 1.0), (0.3, 2.0), (0.2, 2.0)]
-    normals = normals_of(points, [False, False, True, False])
-    assert normals.tolist() == [pytest.approx([0.0, -1.0], abs=1e-9)] * 3 + [[0.0, 0.0]] * 2
-    normals = normals_of([(0.0, 2.0), (0.02, 2.02), (0.04, 2.0)])
-    assert normals.tolist() == [[0.0, 0.0]] * 3
 
 
 @pytest.mark.parametrize(('reach', 'biased'), [(4.0, False), (0.0, True)])
@@ -77,18 +45,6 @@ def test_normals_reach_as_far_as_the_noise_asks(reach, biased):
         aside = found.normals.any(axis=1) & (np.radians(30.0) < bearing) & (bearing < np.radians(60.0))
         turned.append(np.arctan2(found.normals[aside, 0], -found.normals[aside, 1]))
     assert (abs(np.degrees(np.concatenate(turned).mean())) > 5.0) == biased
-
-
-def test_noise_finer_beams_than_itself_do_not_make_the_normals_stray():
-    """A wall 1 m away, a beam every 0.5 deg, 20 mm of noise: neighbours lie 9 mm apart along it and 28 mm across."""
-    rng = np.random.default_rng(0)
-    bearing = np.radians(np.arange(60.0, 120.0, 0.5))
-    found = []
-    for _ in range(20):
-        ranges = 1.0 / np.sin(bearing) + rng.normal(0.0, 0.02, len(bearing))
-        normals = normals_of(ranges[:, None] * np.column_stack((np.cos(bearing), np.sin(bearing))))
-        found.append(np.degrees(np.arcsin(normals[normals.any(axis=1), 0])))
-    assert np.percentile(np.abs(np.concatenate(found)), 90.0) < 18.0
 
 
 def test_the_noise_that_is_kept_is_that_of_what_the_filter_leaves():
@@ -113,24 +69,6 @@ def test_ranges_beyond_the_parameters_limits_are_left_out_and_the_limits_are_not
 
     assert left() == left(range_min=1.0, range_max=4.0) == (0, 359, 360)
     assert left(range_min=1.5, range_max=3.0) == (120, 239, 120)
-
-
-def test_the_breaks_that_features_keep_are_those_of_their_points():
-    """Also around a full circle, where objects are found from a break on."""
-    scan = look(outline(L_ROOM), geometry=FULL, noise=0.01)
-    found = extract_features(scan, PLAIN)
-    expected = find_breaks(as_complex(found.points), found.beams, scan.geometry.angle_increment, found.noise,
-                           PLAIN.segments)
-    assert np.array_equal(found.breaks, expected)
-
-
-def test_returns_know_noise_and_ratio_of_the_admitted_ranges_only():
-    ranges = np.where(np.arange(360) < 100, 9.0, 2.0)
-    returns = Returns(Scan(0, ranges, FULL), ScanParameters(range_max=5.0))
-    assert np.isfinite(returns.points[:, 0]).tolist() == [False] * 100 + [True] * 260
-    assert returns.noise == pytest.approx(0.004) and returns.noise_ratio == 0.0
-    with pytest.raises(ScanError, match=r'260 of 360 beams have a return; advanced\.scan\.min_returns asks for 300'):
-        Returns(Scan(0, ranges, FULL), ScanParameters(range_max=5.0, min_returns=300))
 
 
 def test_features_can_be_copied_at_any_moment_and_not_be_changed():

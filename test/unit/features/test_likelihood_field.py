@@ -74,20 +74,3 @@ def test_points_on_no_side_are_favoured():
     surface = build_likelihood_field(OrientedPoints(points, np.ones(3000, dtype=complex), np.arange(3000)), PARAMETERS)
     step = points[surface.nearest(places)] - places
     assert abs(step.mean()) < 0.002 < 0.02 < np.abs(step).mean()
-
-
-def test_lines_are_known_by_normal_and_distance_and_the_last_point_is_none():
-    surface = build_likelihood_field(OrientedPoints(np.array([3.0 + 4.0j]), np.array([-1.0j]), np.array([7])),
-                                     PARAMETERS)
-    assert surface.normals.tolist() == [1.0j, 0.0]
-    assert surface.offsets.tolist() == [-4.0, 0.0]
-    empty = build_likelihood_field(OrientedPoints(*np.empty((2, 0), dtype=complex), np.empty(0, dtype=int)), PARAMETERS)
-    assert empty.nearest(np.array([0.0j, 5.0])).tolist() == [0, 0]
-
-
-def test_nothing_is_near_beyond_the_grid_wherever_it_begins():
-    for x in np.arange(-2.0, 2.0, 0.01):
-        surface = build_likelihood_field(OrientedPoints(np.array([x, x + 1.0 + 1.0j]), np.ones(2, complex),
-                                                        np.arange(2)), DensityParameters())
-        beyond = np.array([x - 50.0, x + 51.0 + 1.0j, x - 50.0j, x + 1.0 + 51.0j])
-        assert (surface.nearest(beyond) == 2).all()

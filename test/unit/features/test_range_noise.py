@@ -10,9 +10,8 @@ from rooms import DEGREE, FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import SE2, ScanGeometry
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.features.noise import estimate_noise, estimate_noise_ratio, range_noise
+from dbscan_reg_ros.core.features.noise import estimate_noise, estimate_noise_ratio
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
-from dbscan_reg_ros.core.features.tables import build_likelihood_field
 from dbscan_reg_ros.core.odometry.models.noise_history import NoiseRatioHistory
 from dbscan_reg_ros.core.parameters.features import ScanParameters
 from dbscan_reg_ros.core.parameters.registration import DensityParameters
@@ -70,11 +69,6 @@ def test_constant_noise_gives_no_ratio_and_neither_does_a_bent_wall():
     assert np.mean(ratios(0.01, 0.0) == 0.0) > 0.9
     assert np.abs(np.diff(np.abs(along_a_wall(0.0, 0.0)), 2)).max() > 0.3
     assert ratios(0.0, 0.0).max() < 1e-9
-
-
-def test_beams_may_be_spread_unevenly():
-    assert ratios(0.0, 0.0, uneven=0.3 * DEGREE).max() < 1e-9
-    assert np.median(ratios(0.0, 0.03, uneven=0.3 * DEGREE)) == pytest.approx(0.03, rel=0.05)
 
 
 def test_outliers_are_no_noise():
@@ -141,14 +135,6 @@ def test_errors_of_noisy_points_count_in_units_of_their_noise():
     assert np.abs(found[0] - unweighted[0]).max() > 1e-4
 
 
-def test_selected_points_keep_their_inverse_noise():
-    cloud = OrientedPoints(np.arange(4) + 0j, np.ones(4, dtype=complex), np.arange(4), None,
-                           np.array((1.0, 0.5, 0.25, 0.2)))
-    assert cloud.select([2, 0]).inverse_noise.tolist() == [0.25, 1.0]
-    assert build_likelihood_field(cloud, DensityParameters()).offsets[:4] == pytest.approx([0.0, 1.0, 2.0,
-                                                                                            3.0]), 'where they lie'
-
-
 def test_only_points_noisier_than_usual_have_a_lower_inverse_noise():
     features = extract_features(look(outline(L_ROOM), geometry=FULL, noise=0.02))
     assert features.oriented_points.inverse_noise is None
@@ -157,12 +143,6 @@ def test_only_points_noisier_than_usual_have_a_lower_inverse_noise():
     assert 0.1 < far.mean() < 0.9
     assert (noisy.inverse_noise[~far] == 1.0).all()
     assert noisy.inverse_noise[far] == pytest.approx(2.5 / np.abs(noisy.points[far]))
-
-
-def test_the_noise_of_a_range_grows_with_an_unusual_ratio():
-    radius = np.array([0.5, 2.5, 5.0, 10.0])
-    assert range_noise(radius, 0.01, 0.02).tolist() == pytest.approx([0.01, 0.01, 0.06, 0.16])
-    assert range_noise(radius, 0.01, 0.0).tolist() == [0.01] * 4
 
 
 def test_far_walls_are_as_straight_as_their_noise_lets_them_be():

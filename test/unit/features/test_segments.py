@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from rooms import DEGREE, FULL, HALF, L_ROOM, look, outline
+from rooms import DEGREE, HALF, L_ROOM, look, outline
 
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.records import EndKind
@@ -68,20 +68,6 @@ def test_a_distance_equal_to_the_threshold_is_a_break():
         np.testing.assert_array_equal(found, [broken])
 
 
-def test_the_threshold_grows_with_range_step_noise_and_missing_beams():
-    def broken(radius, distance, increment=0.02, gap=1, **changes):
-        points = np.array([radius, radius + 1j * distance])
-        parameters = SegmentParameters(breakpoint_factor=5.0, **({'breakpoint_noise': 0.0} | changes))
-        return bool(find_breaks(points, np.array([0, gap]), increment, NOISE, parameters)[0])
-
-    assert broken(2.0, 0.21) and not broken(2.0, 0.19)
-    assert broken(4.0, 0.41) and not broken(4.0, 0.39)
-    assert broken(2.0, 0.41, -0.04) and not broken(2.0, 0.39, -0.04)
-    assert broken(2.0, 0.61, gap=3) and not broken(2.0, 0.59, gap=3)
-    assert broken(2.0, 0.26, breakpoint_noise=10.0) and not broken(2.0, 0.24, breakpoint_noise=10.0)
-    assert broken(2.0, 0.01, gap=9) and not broken(2.0, 0.01, gap=8)
-
-
 @pytest.mark.parametrize('noise', [0.0, 0.005])
 def test_corners_lie_where_the_walls_meet(noise):
     found = segments_of(outline(L_ROOM), PLAIN, noise=noise)
@@ -92,17 +78,6 @@ def test_corners_lie_where_the_walls_meet(noise):
 
 
 # Line fits
-
-
-@pytest.mark.parametrize('turn', (0, 45, 100, 180, 275))
-def test_walls_in_every_direction_are_alike(turn):
-    """A wall of 4 m at 2 m, in any direction: exact but for the float32 of its ranges."""
-    pose = SE2(0.0, 0.0, math.radians(turn))
-    found = segments_of(np.array([[(2.0, -2.0), (2.0, 2.0)]]), PLAIN, pose)
-    assert len(found) == 1 + (found.beams[0, 0] == 0)
-    np.testing.assert_allclose(wrap(found.direction + pose.theta), 0.5 * math.pi, atol=1e-6)
-    np.testing.assert_allclose(pose.apply(found.midpoint)[:, 0], 2.0, atol=1e-6)
-    np.testing.assert_allclose(found.length.sum(), 4.0, atol=0.2)
 
 
 @pytest.mark.parametrize('turn', (0, 60, 210))
@@ -130,16 +105,6 @@ def test_a_clockwise_lidar_sees_the_mirrored_room():
     np.testing.assert_allclose(wrap(other.direction + found.direction - math.pi), 0.0, atol=1e-5)
     np.testing.assert_array_equal(other.kinds, found.kinds[:, ::-1])
     np.testing.assert_array_equal(other.beams, found.beams[:, ::-1])
-
-
-def test_segments_run_counter_clockwise():
-    found = segments_of(outline(L_ROOM))
-    cross = found.start[:, 0] * found.end[:, 1] - found.start[:, 1] * found.end[:, 0]
-    assert (cross > 0.0).all()
-    assert (np.diff(found.beams[:, 0]) > 0).all()
-    along = found.end - found.start
-    np.testing.assert_allclose(found.length, np.hypot(*along.T))
-    np.testing.assert_allclose(found.direction, np.arctan2(along[:, 1], along[:, 0]), atol=1e-9)
 
 
 def test_errors_of_the_fit_agree_with_its_covariance():
@@ -194,15 +159,6 @@ def test_a_wall_ends_where_what_is_behind_lies_deeper_than_the_margin_and_the_no
     assert found.kinds[front].tolist() == [[kind, kind]]
 
 
-def test_parts_of_one_wall_are_joined_whatever_their_sizes():
-    """Beams are missing after 10, 40 and 5 returns."""
-    scan = look(np.array([[(2.0, -50.0), (2.0, 50.0)]]), geometry=ScanGeometry(-0.6, DEGREE, 69))
-    ranges = np.array(scan.ranges)
-    ranges[[10, 51, 57]] = np.inf
-    whole = extract_features(Scan(0, ranges, scan.geometry), PLAIN.replace({'advanced.segments.max_gap': 1})).segments
-    assert whole.beams.tolist() == [[0, 68]]
-
-
 @pytest.mark.parametrize('missing, beams', [(26, [[0, 68]]), (28, [[0, 19], [48, 68]])])
 def test_parts_of_one_wall_are_joined_across_a_gap_of_up_to_a_metre(missing, beams):
     """Without 26 beams the parts are 0.96 m apart, without 28 of them 1.03 m."""
@@ -213,30 +169,8 @@ def test_parts_of_one_wall_are_joined_across_a_gap_of_up_to_a_metre(missing, bea
     assert found.beams.tolist() == beams
 
 
-def test_panels_that_stand_ten_centimetres_apart_are_not_joined_whatever_their_sizes():
-    panels = np.array([[(1.9, -1.3), (1.9, -1.0)], [(2.0, -1.0), (2.0, 0.3)], [(2.1, 0.3), (2.1, 1.4)]])
-    found = segments_of(panels,
-                        PLAIN.replace({'advanced.segments.breakpoint_noise': 0.0,
-                                       'advanced.segments.breakpoint_factor': 2.0}))
-    assert found.midpoint[:, 0] == pytest.approx([1.9, 2.0, 2.1], abs=1e-6)
-
-
-def test_ends_at_the_edge_of_the_view_are_not_points_of_the_world():
-    found = segments_of(np.array([[(2.0, -50.0), (2.0, 50.0)]]), geometry=ScanGeometry(-0.5, DEGREE, 58))
-    np.testing.assert_array_equal(found.kinds, [[EndKind.OCCLUSION, EndKind.OCCLUSION]])
-
-
 def test_a_corner_ends_both_of_its_walls():
     found = segments_of(outline(L_ROOM))
     meeting = np.flatnonzero(found.kinds[:-1, 1] == EndKind.CORNER)
     np.testing.assert_array_equal(found.kinds[meeting + 1, 0], EndKind.CORNER)
     np.testing.assert_array_equal(found.end[meeting], found.start[meeting + 1])
-
-
-def test_a_scan_without_a_line_has_no_segments():
-    rng = np.random.default_rng(3)
-    found = extract_features(Scan(0, rng.uniform(1.0, 8.0, 360), FULL), PLAIN).segments
-    assert len(found) < 5
-    empty = PLAIN.replace({'advanced.segments.min_length': 50.0})
-    assert len(segments_of(outline(L_ROOM), empty)) == 0
-    assert segments_of(outline(L_ROOM), empty).midpoint.shape == (0, 2)

@@ -80,17 +80,6 @@ def test_a_large_object_or_one_close_to_a_wall_is_no_pole(circle):
     assert with_poles(features, 0.3, SEGMENTS) is features
 
 
-def test_an_object_above_the_maximum_size_is_no_pole():
-    features = place_with(LEG)
-    assert with_poles(features, 0.005, SEGMENTS) is features
-
-
-def test_walls_are_no_poles():
-    features = place_with()
-    assert with_poles(features, 0.3,
-                      SEGMENTS) is features and len(features.oriented_points) == len(features.wall_points)
-
-
 def test_an_object_is_isolated_unless_a_nearer_one_is_beside_it():
     """Two returns with none around them; then with one of something nearer beside them."""
     ranges = np.full(360, np.inf)

@@ -18,6 +18,7 @@ from dbscan_reg_ros.node.interfaces.messages import filled, scan_to_message, sta
 from dbscan_reg_ros.node.interfaces.scan_reader import ScanReader
 from dbscan_reg_ros.recordings.message_fields import odometry_fields
 from dbscan_reg_ros.robot.base_state import BaseState, base_state, predicted_state
+from dbscan_reg_ros.robot.parameter_groups import InputParameters
 from dbscan_reg_ros.robot.parameters import NodeParameters
 from dbscan_reg_ros.simulation import Lidar, follow, measure, rooms, simulate
 
@@ -109,10 +110,17 @@ def test_the_trajectory_of_the_base_is_the_same_for_other_beams_and_mountings(sc
     assert all(np.isfinite(m.pose.covariance).all() and np.isfinite(m.twist.covariance).all() for m in found)
 
 
-def test_the_result_is_that_of_the_base_and_not_of_the_laser(scans, truth):
-    laser = SE2(1.0, 0.5, 0.3)
-    found = answers(scans, Mounting(laser))
-    assert distances(found, of_base(truth, laser)).max() < 0.1 and distances(found, truth).max() > 0.3
+@pytest.mark.parametrize('mounting', [Mounting(), Mounting(SE2(0.1, 0.0, 2.0), upside_down=True)])
+def test_the_robots_own_body_is_masked(scans, mounting):
+    """A post 0.4 m away hides one sector; another one across the seam sees farther than the range of the mask."""
+    given = InputParameters(mask=(0.5, 1.5, 3.0, -3.0, 0.0, 0.0, 0.0, 0.0), mask_range=0.6)
+    bearings = scans[0].geometry.bearings
+    post = (bearings > 0.5) & (bearings < 1.5)
+    message = changed(scans[0], ranges=array.array('f', np.where(post, 0.4, scans[0].ranges)))
+    reader = ScanReader(Clock(), SimpleNamespace(warn=print))
+    scan, _ = reader.read(message, SimpleNamespace(find=lambda *_: mounting), given)
+    assert np.isnan(scan.ranges[post]).all()
+    np.testing.assert_array_equal(scan.ranges[~post], scans[0].ranges[~post])
 
 
 def test_a_driver_that_drops_most_of_its_scans_is_followed(scans, truth):

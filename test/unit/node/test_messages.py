@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of the node: what goes in comes out, and covariances follow the mounting."""
-import array
 import math
 from types import SimpleNamespace
 
@@ -17,7 +16,6 @@ from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.frames import transform_sender
 from dbscan_reg_ros.node.interfaces.messages import PreparedMessage, filled, matrix_from_message, scan_to_message
 from dbscan_reg_ros.node.interfaces.outputs import ODOM_NUMBERS
-from dbscan_reg_ros.recordings.checks.scan_checks import ScanChecks, ScanFields
 from dbscan_reg_ros.recordings.message_fields import (
     odometry_fields,
     odometry_numbers,
@@ -52,14 +50,6 @@ def test_a_scan_survives_its_message_and_the_wire(scan):
     assert back.stamp == STAMP
     assert back.ranges.tobytes() == scan.ranges.tobytes()
     assert (back.geometry, back.time_increment, back.frame_id) == (scan.geometry, scan.time_increment, 'front_laser')
-
-
-def test_the_geometry_is_kept_while_the_beams_stay_the_same(scan):
-    message = scan_to_message(scan)
-    first = Scan.from_message(message)
-    assert Scan.from_message(message, first.geometry).geometry is first.geometry
-    message.angle_min += 0.1
-    assert Scan.from_message(message, first.geometry).geometry is not first.geometry
 
 
 def test_a_scan_whose_bearings_are_given_one_by_one_makes_no_message():
@@ -127,15 +117,6 @@ def update(pose, twist=(0.0, 0.0, 0.0), covariance=None, twist_covariance=None):
                           None, SE2(), False)
 
 
-def test_a_sensor_on_the_base_itself_changes_nothing():
-    covariance = np.diag([1.0, 2.0, 3.0])
-    result = base_state(update(SE2(1.0, 2.0, 3.0), (0.1, 0.2, 0.3), covariance, covariance), SE2(), SE2())
-    assert result.pose == SE2(1.0, 2.0, 3.0)
-    assert result.twist == pytest.approx([0.1, 0.2, 0.3])
-    assert result.covariance == pytest.approx(covariance)
-    assert result.twist_covariance == pytest.approx(covariance)
-
-
 def test_a_base_that_turns_on_the_spot_stays_where_it_is():
     laser = SE2(0.3, 0.1, 2.0)
     turn = laser.inverse() @ SE2(0.0, 0.0, 1.2) @ laser
@@ -169,18 +150,12 @@ def quaternion(roll=0.0, pitch=0.0, yaw=0.0):
     return message
 
 
-@pytest.mark.parametrize('yaw', [-3.0, -1.0, 0.0, 0.5, 3.1])
-@pytest.mark.parametrize('roll', [0.0, math.pi, 0.1, math.pi - 0.1])
+@pytest.mark.parametrize('yaw', [-3.0, 0.5, 3.1])
+@pytest.mark.parametrize('roll', [0.1, math.pi, math.pi - 0.1])
 def test_a_transform_says_where_the_laser_sits_and_which_way_up(yaw, roll):
     mounting = Mounting.from_matrix(matrix_from_message(quaternion(roll=roll, yaw=yaw)))
     assert mounting.upside_down == (roll > 1.0)
     assert mounting.pose.as_array() == pytest.approx([0.2, -0.1, yaw])
-
-
-def test_rotated_about_the_y_axis_the_laser_faces_backwards():
-    mounting = Mounting.from_matrix(matrix_from_message(quaternion(pitch=math.pi)))
-    assert mounting.upside_down
-    assert abs(mounting.pose.theta) == pytest.approx(math.pi)
 
 
 @pytest.mark.parametrize('tilt', [0.5, math.pi / 2.0, 2.5])
@@ -194,24 +169,3 @@ def test_a_transform_without_a_rotation_is_none(change):
     message = Transform()
     message.rotation.w = change['w']
     assert matrix_from_message(message) is None
-
-
-def test_the_points_of_an_inverted_sensor_are_those_of_the_upright_one(scan):
-    message = scan_to_message(scan)
-    upright = Scan.from_message(message)
-    message.angle_min, message.angle_increment = -message.angle_min, -message.angle_increment
-    inverted = Scan.from_message(message, upside_down=True)
-    assert inverted.geometry == upright.geometry
-    np.testing.assert_array_equal(inverted.points, upright.points)
-
-
-def test_messages_of_a_whole_drive_hold_its_scans(scans):
-    for scan in scans[::10]:
-        message = scan_to_message(scan)
-        assert isinstance(message.ranges, array.array)
-        assert not ScanChecks().look(ScanFields.from_message(message))
-        assert Scan.from_message(message).ranges.tobytes() == scan.ranges.tobytes()
-
-
-def test_a_planar_pose_in_numbers_is_on_the_floor_and_rotated_about_z():
-    assert transform_numbers(SE2(1.0, 2.0, 0.5)) == pytest.approx((1, 2, 0, 0, 0, math.sin(0.25), math.cos(0.25)))

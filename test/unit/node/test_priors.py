@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Wheels and gyroscope together, without DDS."""
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,7 +22,7 @@ PREDICTED = Prior(SE2(0.08, 0.0, 0.05), np.diag((0.01, 0.01, 0.02)) ** 2)
 @pytest.fixture
 def source(monkeypatch):
     """``source(wheels, rate)``: the prior of a scan, and what is said; a motion of the wheels, and a rate [rad/s]."""
-    def source(wheels, rate):
+    def source(wheels, rate, orientation=None, measured=True):
         told, said = {}, []
 
         def subscription(_node, _kind, topic, callback, _quality):
@@ -36,10 +37,13 @@ def source(monkeypatch):
             if wheels:
                 message = Odometry()
                 message.header.stamp, message.pose.pose = stamp_to_message(stamp), pose_to_message(pose)
+                if orientation is not None:
+                    message.pose.pose.orientation.z = message.pose.pose.orientation.w = orientation
                 told['wheel_odom'](message)
             if rate is not None:
                 message = Imu()
                 message.header.stamp, message.angular_velocity.z = stamp_to_message(stamp), rate
+                message.angular_velocity_covariance[0] = 0.0 if measured else -1.0
                 told['imu'](message)
         found.processed(START, Mounting())
         return found.find('laser', END, Mounting(), lambda _: PREDICTED), said
@@ -68,3 +72,12 @@ def test_without_both_the_motion_model_predicts(source):
     found, said = source(None, None)
     assert found is None
     assert len(said) == 1 and 'the constant-velocity prediction' in said[0]
+
+
+def test_messages_that_cannot_be_are_named_and_not_believed(source):
+    broken = SE2(0.1, 0.0, 0.4)
+    found, said = source(broken, math.nan, orientation=0.0)
+    assert found is None
+    assert '/wheel_odom: the quaternion' in said[0] and '/imu: angular_velocity.z is nan' in said[1]
+    found, said = source(None, 2.0, measured=False)
+    assert found is None and '/imu: angular_velocity_covariance begins with -1' in said[0]

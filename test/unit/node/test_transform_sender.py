@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """When our transform is sent, and when it gives way to that of another node."""
+import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rclpy.impl.logging_severity import LoggingSeverity
+from rclpy.serialization import deserialize_message
 from ros_helpers import needs_tf2_msgs, transform
 
 from dbscan_reg_ros import SE2
@@ -62,6 +64,22 @@ def sends(sender, node, stamp=None):
     count = len(node.sent)
     sender.send(SimpleNamespace(stamp=stamp or SECOND * (1 + count), pose=SE2(1.0, 2.0, 0.3)))
     return len(node.sent) > count
+
+
+def test_stamps_that_are_not_newer_are_not_sent_and_one_of_the_far_future_ends_nothing(graph):
+    sender, node = graph.start()
+    assert [sends(sender, node, stamp * SECOND // 10) for stamp in (10, 12, 11, 12, 13, 9000, 14, 15)] == [
+        True, True, False, False, True, True, True, True]
+
+
+def test_the_inverse_is_sent_where_asked_for(graph):
+    sender, node = graph.start(invert_tf=True, odom_frame='laser_odom')
+    assert sends(sender, node)
+    [sent] = deserialize_message(node.sent[0], transform_sender.transform_type()).transforms
+    assert (sent.header.frame_id, sent.child_frame_id) == ('base_link', 'laser_odom')
+    t, q = sent.transform.translation, sent.transform.rotation
+    off = SE2(t.x, t.y, 2.0 * math.atan2(q.z, q.w)) @ SE2(1.0, 2.0, 0.3)
+    assert off.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
 
 
 def foreign(parent='wheel_odom'):

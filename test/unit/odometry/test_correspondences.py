@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Correspondences of a scan with the key frames of the window, and the alignment to them."""
-import dataclasses
-import math
 
 import numpy as np
 import pytest
-from l_room import DENSITY, END, START, features, fitted, linear_residuals, normal_equations, weight
+from l_room import DENSITY, END, START, features
 from rooms import look
 
 from dbscan_reg_ros import SE2, Parameters
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.features.oriented_points import OrientedPoints, high_leverage
+from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.mapping.correspondences import align, weighted_by_agreement
 from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
@@ -29,36 +27,8 @@ def equations(found):
 NO_PRIOR = PosePrior(SE2(), np.zeros((3, 3)))
 
 
-def plainly(reference, current, motion):
-    """The equations of a registration, but for points beyond the ends of walls."""
-    found, surface = fitted(reference, current, motion), reference.likelihood_field
-    nearest = surface.nearest(found.places)
-    beside = np.abs((surface.normals[nearest] * found.places).imag - surface.along[nearest])
-    return normal_equations(linear_residuals(found), weight(found, 0.1) * (beside <= surface.extents[nearest]))
-
-
 def window(*poses):
     return KeyFrameWindow([KeyFrame(features(pose), pose) for pose in poses])
-
-
-def test_one_key_frame_at_the_origin_gives_the_equations_of_a_registration():
-    origin, current = SE2(), features(END)
-    near = END @ SE2(0.03, -0.02, 0.015)
-    plain = plainly(features(origin), current, near)
-    found = equations(look_up_correspondences(window(origin), near, current.sampled_points, DENSITY))
-    np.testing.assert_allclose(found, plain, atol=1e-9)
-
-
-def test_equations_are_turned_into_the_odometry_frame():
-    """Those of a registration to a key frame at another position, rotated by 45 deg."""
-    frame, current = SE2(-0.6, 0.3, 0.25 * math.pi), features(END)
-    near = END @ SE2(0.03, -0.02, 0.015)
-    inside = frame.inverse() @ near
-    plain = plainly(features(frame), current, inside)
-    turn = np.eye(4)
-    turn[:2, :2] = frame.rotation()
-    found = equations(look_up_correspondences(window(frame), near, current.sampled_points, DENSITY))
-    np.testing.assert_allclose(found, turn @ plain @ turn.T, atol=1e-9)
 
 
 def test_a_point_on_several_key_frames_counts_once():
@@ -67,44 +37,6 @@ def test_a_point_on_several_key_frames_counts_once():
                 for count in (1, 3))
     assert one[0, 0] + one[1, 1] > 0.99 * len(current.sampled_points)
     np.testing.assert_allclose(two[:3, :3], one[:3, :3], rtol=0.01, atol=0.1)
-
-
-def test_points_are_distributed_over_key_frames_when_there_are_many():
-    """Nine times the same key frame.
-
-    Three subsets of the points give together what all points give with each key frame.
-
-    The few that face along the room are in no subset: they are compared with all key frames.
-    """
-    cloud = features(END).oriented_points
-    along = np.abs(cloud.normals.real) > 0.7
-    cloud = cloud.select(~along | (along.cumsum() % 5 == 0))
-    others = (~high_leverage(cloud.normals)).nonzero()[0]
-    cloud = cloud.select(np.delete(np.arange(len(cloud)), others[len(others) // 3 * 3:]))
-    rare, size = high_leverage(cloud.normals), len(cloud)
-    cloud = OrientedPoints(cloud.points, cloud.normals, (~rare).cumsum())
-    assert rare.any() and np.count_nonzero(~rare) % 3 == 0
-    near, views = END @ SE2(0.03, -0.02, 0.015), window(*[START] * 9)
-    whole, dealt = (look_up_correspondences(views, near, cloud, dataclasses.replace(DENSITY, max_points=points))
-                    for points in (3 * size, size))
-    expected = equations(whole)
-    np.testing.assert_allclose(equations(dealt), expected, rtol=0.02, atol=0.02 * expected[2, 2])
-    times, found = (np.bincount(correspondences.index, minlength=size) for correspondences in (whole, dealt))
-    assert set(times) <= {0, 9} and np.array_equal(found[rare], times[rare])
-    assert np.array_equal(3 * found[~rare], times[~rare])
-
-
-def test_leaving_out_a_point_changes_few_correspondences_of_others():
-    cloud, near = features(END).oriented_points, END @ SE2(0.03, -0.02, 0.015)
-    views = window(*(START @ SE2(0.02 * k, 0.01 * k, 0.01 * k) for k in range(9)))
-    density = dataclasses.replace(DENSITY, max_points=len(cloud))
-    def lines(cloud):
-        correspondences = look_up_correspondences(views, near, cloud, density)
-        return set(zip(cloud.beams[correspondences.index].tolist(), correspondences.rows[3].tolist(), strict=True))
-    left = np.arange(len(cloud)) != 20
-    before, after = lines(cloud), lines(cloud.select(left))
-    before = {line for line in before if line[0] != cloud.beams[20]}
-    assert len(before ^ after) < 0.05 * len(before)
 
 
 def test_key_frames_are_looked_up_each_in_its_own_likelihood_field():
@@ -141,45 +73,6 @@ def test_without_correspondences_the_pose_is_that_of_the_prior():
     assert found.as_array() == pytest.approx(expected.as_array())
 
 
-def test_damping_adds_a_fraction_of_the_information_along_x_and_y():
-    """A quarter of 2 + 2 is added to 2, 2 and 4."""
-    pose = SE2(0.3, 0.0, 0.0)
-    found = align(no_correspondences(pose), pose, PosePrior(SE2(0.0, 0.6, 0.5), np.diag([2.0, 2.0, 4.0])), [0.1], 0.25)
-    assert found.as_array() == pytest.approx([0.1, 0.4, 0.4], abs=1e-6)
-
-
-def test_a_step_from_the_pose_of_the_correspondences_changes_their_errors():
-    """As at the place itself, to a tenth of a millimetre, and with the same weights."""
-    current, views = features(END), window(START)
-    near, step = END @ SE2(0.02, -0.02, 0.01), SE2(0.004, 0.003, 0.002)
-    there = SE2(near.x + step.x, near.y + step.y, near.theta + step.theta)
-    before, after = (look_up_correspondences(views, pose, current.oriented_points, DENSITY) for pose in (near, there))
-    error, weight = before.match(there, 0.1)
-    at, weight_at = after.match(there, 0.1)
-    both, one, two = np.intersect1d(before.index, after.index, return_indices=True)
-    assert len(both) > 0.95 * len(current.oriented_points)
-    same = np.abs(before.rows[:2, one] - after.rows[:2, two]).max(axis=0) < 1e-9
-    assert same.mean() > 0.9
-    np.testing.assert_allclose(error[one][same], at[two][same], atol=1e-4)
-    np.testing.assert_allclose(weight[one][same], weight_at[two][same], atol=1e-3)
-
-
-def test_iterations_may_go_on_where_others_ended():
-    """Two and two more are four."""
-    scales, near = [0.2, 0.1, 0.05, 0.05], END @ SE2(0.04, -0.03, 0.03)
-    correspondences = look_up_correspondences(window(START), near, features(END).oriented_points, DENSITY)
-    half = align(correspondences, near, NO_PRIOR, scales[:2], 1e-6)
-    both, whole = (align(correspondences, start, NO_PRIOR, left, 1e-6) for start,
-                   left in ((half, scales[2:]), (near, scales)))
-    assert both.as_array() == pytest.approx(whole.as_array(), abs=1e-12)
-
-
-def test_a_window_drops_its_oldest_key_frames():
-    frames = [KeyFrame(features(START), SE2(float(k), 0.0, 0.0)) for k in range(3)]
-    grown = KeyFrameWindow(frames[:2]).with_frame(frames[2], 2)
-    assert grown.frames == (frames[1], frames[2]) and grown.latest is frames[2]
-
-
 WALLS = [[(-2.0, -1.0), (2.0, -1.0)], [(-2.0, 1.5), (2.0, 1.5)]]
 
 
@@ -207,13 +100,6 @@ def test_what_two_lidars_see_differently_does_not_displace_the_scan():
     assert (weighted.weights[~of_other] == 1.0).all() and np.median(weighted.weights[~at_end & of_other]) > 0.999
     displaced, right = (align(each, SE2(), NO_PRIOR, [0.05], 1e-6).x for each in (found, weighted))
     assert displaced > 0.01 and abs(right) < 1e-4
-
-
-def test_differences_within_the_noise_displace_the_scan():
-    """The lidars correct each other: 3 mm apart they agree."""
-    _, found, weighted = among_two_lidars(2.0, 2.003)
-    displaced, less = (align(each, SE2(), NO_PRIOR, [0.05], 1e-6).x for each in (found, weighted))
-    assert displaced > 1e-3 and less == pytest.approx(displaced, rel=0.1)
 
 
 def test_pairs_have_their_full_weight_where_the_own_lidar_has_none():

@@ -21,62 +21,11 @@ def sigma(covariance):
     return np.sqrt(np.diagonal(covariance))
 
 
-def test_a_pose_fixed_by_key_frames_has_the_covariance_of_the_match():
-    drift = CovariancePropagation()
-    for _ in range(5):
-        drift.propagate(STEP, INTERVAL, Prior(STEP, SPREAD, CHANGE), ALL, MATCHED)
-    np.testing.assert_allclose(drift.pose, MATCHED, atol=1e-15)
-    before = STEP.inverse().adjoint() @ MATCHED @ STEP.inverse().adjoint().T
-    np.testing.assert_allclose(drift.twist, (before + MATCHED) / INTERVAL ** 2, rtol=1e-9)
-
-
-def test_every_key_frame_adds_its_own_error():
-    drift, straight = CovariancePropagation(), SE2(0.3, 0.0, 0.0)
-    for k in range(1, 5):
-        drift.propagate(straight, INTERVAL, Prior(straight, SPREAD, CHANGE), ALL, MATCHED)
-        drift.start_key_frame()
-        assert drift.pose[0, 0] == pytest.approx(k * MATCHED[0, 0])
-        assert drift.pose[2, 2] == pytest.approx(k * MATCHED[2, 2])
-    assert drift.pose[1, 1] > 4 * MATCHED[1, 1]
-
-
-def test_the_twist_after_a_key_frame_has_the_errors_of_both_scans():
-    """Both are aligned with the older key frames: one scan's error is not that of the map."""
-    drift, still = CovariancePropagation(), SE2()
-    for _ in range(4):
-        drift.propagate(still, INTERVAL, Prior(still, SPREAD, CHANGE), ALL, MATCHED)
-        drift.start_key_frame()
-    np.testing.assert_allclose(drift.twist, 2.0 * MATCHED / INTERVAL ** 2, rtol=1e-9)
-
-
-def test_along_an_unobservable_motion_the_uncertainty_of_the_speed_stays():
-    drift, still = CovariancePropagation(), SE2()
-    for k in range(1, 31):
-        drift.propagate(still, INTERVAL, Prior(still, 1e-12 * ALL, 1e-12 * ALL))
-        assert sigma(drift.pose) == pytest.approx(3 * [k * INTERVAL], rel=1e-3)
-        assert sigma(drift.twist) == pytest.approx(3 * [1.0], rel=1e-3)
-
-
 def test_no_speed_grows_without_bound():
     drift, still = CovariancePropagation(), SE2()
     for _ in range(2000):
         drift.propagate(still, INTERVAL, Prior(still, SPREAD, CHANGE))
     assert sigma(drift.twist) == pytest.approx(3 * [1.0], rel=1e-6)
-
-
-def test_the_covariance_of_an_external_prior_replaces_that_of_the_twist():
-    drift, still = CovariancePropagation(), SE2()
-    for k in range(1, 10):
-        drift.propagate(still, INTERVAL, Prior(still, SPREAD))
-        np.testing.assert_allclose(drift.pose, k * SPREAD)
-        np.testing.assert_allclose(drift.twist, SPREAD / INTERVAL ** 2)
-
-
-def test_an_interval_of_zero_leaves_the_twist_unknown():
-    drift = CovariancePropagation()
-    drift.propagate(STEP, 0.0, Prior(STEP, SPREAD, CHANGE), ALL, MATCHED)
-    assert np.isfinite(drift.pose).all()
-    np.testing.assert_array_equal(drift.twist, np.eye(3))
 
 
 def test_after_an_unknown_motion_pose_and_twist_are_unknown():
@@ -90,8 +39,7 @@ def test_after_an_unknown_motion_pose_and_twist_are_unknown():
 
 
 @pytest.mark.parametrize('fractions', [
-    [NONE] * 8, [ALL] * 8, [ALONG_A_WALL] * 8, [ALL, NONE, NONE, ALONG_A_WALL, ALL, 0.5 * ALL] * 2],
-    ids=['nothing', 'all', 'a wall', 'in turn'])
+    [ALONG_A_WALL] * 8, [ALL, NONE, NONE, ALONG_A_WALL, ALL, 0.5 * ALL] * 2], ids=['a wall', 'in turn'])
 def test_the_errors_of_many_drives_are_as_large(fractions):
     rng = np.random.default_rng(5)
     size, key_frames = 40000, (3, 5)

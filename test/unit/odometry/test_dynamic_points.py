@@ -6,25 +6,16 @@ import math
 import numpy as np
 import pytest
 from rooms import FULL, HALF, L_ROOM, look, outline
-from scipy.linalg import eigh
 
 from dbscan_reg_ros import SE2, Odometry, Parameters
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
-from dbscan_reg_ros.core.features.records import Features
-from dbscan_reg_ros.core.geometry.se2 import as_vectors
 from dbscan_reg_ros.core.mapping.dynamic_points import (
-    beside,
     detached_points,
     dynamic_points,
-    information_ratio,
     without_dynamic_points,
 )
 from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
-from dbscan_reg_ros.core.mapping.lookup import confirm
-from dbscan_reg_ros.core.registration.point_to_line import refine
-from dbscan_reg_ros.core.registration.residuals import Alignment
 from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.simulation.raycasting import cast
 
@@ -124,14 +115,6 @@ def test_many_people_in_free_space_do_not_show_that_the_pose_is_wrong():
     assert not moving_beams(scan, frames, movable=np.arange(len(hidden)))
 
 
-def test_points_left_out_have_no_normal_and_are_compared_to_nothing():
-    features = extract_features(look(outline(L_ROOM), HERE, FULL))
-    left_out = np.arange(len(features.oriented_points)) % 3 == 0
-    less = features.without(left_out)
-    assert np.array_equal(less.oriented_points.points, features.oriented_points.points[~left_out])
-    assert less.points is features.points and less.segments is features.segments
-
-
 @pytest.mark.parametrize('bearing', [0.4, 3.13, -3.13])
 def test_small_detached_objects_are_movable_and_walls_are_not(bearing):
     """A person is movable, also across the first beam; not if only smaller objects are."""
@@ -145,20 +128,6 @@ def test_small_detached_objects_are_movable_and_walls_are_not(bearing):
     assert not detached_points(cloud.select(~theirs), 1.1, 10.0, closed=True).any()
 
 
-def test_at_the_end_of_a_scan_the_neighbour_counts_as_farther():
-    """Half of a person at the end of the scan is detached; a piece of wall between two people is not."""
-    scan, hidden = with_person(look(outline(L_ROOM), THERE, FULL, noise=0.0), 0.4)
-    features = extract_features(scan)
-    cloud, theirs = features.oriented_points, hidden[features.beams[features.normals.any(axis=1)]]
-    first, last = theirs.nonzero()[0][[0, -1]]
-    half = slice(first - 5, (first + last) // 2)
-    sizes = detached_points(cloud.select(half), 1.1, 0.2, closed=False)
-    assert sizes.tolist() == (theirs[half] * np.count_nonzero(theirs[half])).tolist()
-    beside = np.concatenate((np.arange(first, last + 4), np.arange(first, last + 1)))
-    assert (detached_points(cloud.select(beside), 1.1, 0.2, closed=False) > 0).tolist() == theirs[beside].tolist()
-    assert not len(detached_points(cloud.select(slice(0, 0)), 1.1, 0.2, closed=False))
-
-
 def test_an_object_weighs_no_more_the_more_points_show_it():
     """All points of a person together weigh as half a point of a wall."""
     scan, _ = with_person(look(outline(L_ROOM), THERE, FULL, noise=0.0), 0.4)
@@ -169,55 +138,6 @@ def test_an_object_weighs_no_more_the_more_points_show_it():
         Parameters().odometry, movable_information_ratio=0.0))
     weights = without_dynamic_points(features, SE2(), window, every).oriented_points.weights
     assert np.count_nonzero(detached) > 20 and weights[detached].sum() == pytest.approx(0.5)
-
-
-def test_points_seen_from_elsewhere_at_the_same_place_are_static():
-    scans = {pose: extract_features(look(outline(L_ROOM), pose, FULL)) for pose in (HERE, THERE)}
-    window = KeyFrameWindow([KeyFrame(scans[HERE], HERE)])
-    cloud, way = scans[THERE].oriented_points, math.hypot(THERE.x - HERE.x, THERE.y - HERE.y)
-    assert confirm(window, THERE, cloud, 0.9 * way, 0.1, Parameters().density).mean() > 0.9
-    assert not confirm(window, THERE, cloud, 1.1 * way, 0.1, Parameters().density).any()
-    assert confirm(window, THERE @ SE2(0.3, 0.3), cloud, 0.0, 0.1, Parameters().density).mean() < 0.5
-    assert not len(confirm(window, THERE, cloud.select(slice(0, 0)), 0.0, 0.1, Parameters().density))
-
-
-@pytest.mark.parametrize('seed', range(3))
-def test_the_information_ratio_of_points_is_the_greatest_eigenvalue(seed):
-    rng = np.random.default_rng(seed)
-    normals = np.exp(1j * rng.normal(0.0, 0.5, 60))
-    cloud, chosen = OrientedPoints(normals, normals, np.arange(60)), rng.choice(60, 20, replace=False)
-    whole, part = (each.T @ each for each in (as_vectors(normals), as_vectors(normals[chosen])))
-    assert information_ratio(cloud, chosen) == pytest.approx(eigh(part, whole, eigvals_only=True)[-1], rel=1e-9)
-    assert information_ratio(cloud, np.arange(60)) == pytest.approx(1.0) and information_ratio(cloud,
-                                                                                               np.arange(0)) == 0.0
-
-
-def test_points_close_to_dynamic_points_are_beside_them():
-    """Along the scan, to either side."""
-    points = np.array([2.0, 2.1, 2.2, 2.3, 5.0, 2.35, 9.0]) + 0j
-    cloud = OrientedPoints(points, np.ones(7, dtype=complex), np.arange(7))
-    moving = np.isin(np.arange(7), [2, 4])
-    assert beside(cloud, moving, 0.15).tolist() == [False, True, True, True, True, False, False]
-    assert beside(cloud, moving, 0.25).tolist() == [True, True, True, True, True, False, False]
-    assert not beside(cloud, np.zeros(7, dtype=bool), 100.0).any()
-
-
-def test_downweighted_points_have_little_influence():
-    """Two thirds of a wall have moved by 0.1 m and a third has not: it decides once the others are downweighted."""
-    wall = extract_features(look(outline(L_ROOM), HERE, FULL, noise=0.0))
-    points = np.column_stack((np.linspace(-2.0, 2.0, 90), np.full(90, 2.0)))
-    moved = points + np.where(np.arange(90) % 3 > 0, 0.1, 0.0)[:, None] * (0.0, 1.0)
-    normals = np.tile((0.0, -1.0), (90, 1))
-    reference, current = (Features(wall.scan, each, np.arange(90), np.zeros(89, dtype=bool), normals.copy(),
-                                   wall.segments, wall.noise, wall.density, wall.noise_ratio)
-                          for each in (points, moved))
-    def shift(features):
-        found, _ = refine(np.zeros((1, 3)), Alignment(features.sampled_points, reference.likelihood_field, 0.5, 0.003),
-                          [0.2] * 5)
-        return found[0, 1]
-    assert shift(current) == pytest.approx(-0.0667, abs=0.005)
-    assert shift(current.downweighted(np.arange(90) % 3 > 0, 0.03)) == pytest.approx(0.0, abs=0.01)
-    assert shift(current.downweighted(np.arange(90) % 3 > 0, 1.0)) == shift(current)
 
 
 def test_with_an_imprecise_prediction_no_point_is_dynamic():

@@ -110,12 +110,6 @@ def test_a_robot_with_one_lidar_compares_nothing(monkeypatch):
                 if update.waits]
 
 
-def test_beside_a_first_lidar_that_maps_a_new_one_is_not_used_before_it_has_been_compared(update):
-    comparisons = LidarComparisons()
-    assert comparisons.uses(Sensor('rear', TRUE, 1), 0, first_maps=False)
-    assert not comparisons.uses(Sensor('left', TRUE, 2), 0, first_maps=True)
-
-
 @pytest.mark.parametrize('seed', SEEDS)
 def test_a_wrong_mounting_is_named_within_20_m_and_never_used(update, seed):
     drive = Drive(update, TRUE @ SE2(0.04, -0.03, math.radians(3.0)), seed=seed).run(3.0)
@@ -227,16 +221,6 @@ def test_of_two_lidars_both_are_named_and_of_three_the_odd_one(seed):
     for second in (compared(SE2(), others[1], fits=True), compared(SE2(0.2, 0.0, 0.0), others[1]), None):
         assert [bool(each) for each in named(first, [pair[0], second])] == [
             False, True, second is not None and second.disagrees]
-
-
-def test_of_a_robot_with_one_lidar_none_is_named():
-    assert named(SE2(), []) == [None]
-
-
-def test_late_stamps_of_the_first_of_three_lidars_are_named():
-    others = [compared(SE2(), each, late=0.06) for each in (SE2(0.3, 0.0, 0.0), SE2(-0.3, 0.0, 2.0))]
-    found, *rest = named(SE2(), others)
-    assert rest == [None, None] and found.error == Disagreement(0.0, 0.0, pytest.approx(-0.06))
 
 
 @pytest.mark.parametrize('late', [-5.0, 5.0, 0.4])

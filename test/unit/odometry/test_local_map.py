@@ -27,11 +27,6 @@ def around(*frames):
     return np.zeros(0) if found is None else found.points
 
 
-def test_a_single_key_frame_is_the_map():
-    frame = key_frame(HERE)
-    assert KeyFrameWindow([frame]).local_map_of('') is frame.features
-
-
 def test_the_local_map_keeps_walls_occluded_from_the_last_key_frame():
     """A box hides a part of the wall at x = 4; before it was not there."""
     points = around(key_frame(BEFORE), key_frame(HERE, BOX))
@@ -42,17 +37,6 @@ def test_the_local_map_keeps_walls_occluded_from_the_last_key_frame():
 def test_removed_objects_are_not_in_the_local_map():
     points = around(key_frame(BEFORE, BOX), key_frame(HERE))
     assert not ((points.real > 0.9) & (points.real < 1.5) & (np.abs(points.imag) < 0.6)).any()
-
-
-def test_a_cell_has_points_of_the_newest_only():
-    """Of three key frames in one place the first two are one in every cell with the last."""
-    assert len(around(key_frame(HERE), key_frame(HERE), key_frame(HERE))) == 0
-
-
-def test_what_lies_farther_off_than_any_saw_is_out_of_sight():
-    """The older one saw 4 m around, from 9 m away."""
-    frame = key_frame(HERE)
-    assert len(around(dataclasses.replace(frame, pose=SE2(9.0, 0.0, 0.0)), frame)) == 0
 
 
 def test_a_key_frame_whose_place_is_not_known_has_no_part():

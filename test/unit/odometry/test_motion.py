@@ -34,13 +34,6 @@ def test_a_constant_velocity_is_predicted():
     assert expected == pytest.approx(STEP.as_array(), abs=1e-4)
 
 
-def test_a_dropped_scan_doubles_the_predicted_motion():
-    motion = ConstantVelocityModel(SE2())
-    drive(motion, SE2(), 30)
-    twice = motion.predict(ScanInterval(0.2, 0.2, 0.02, steady=True), P).transform.as_array()
-    assert twice == pytest.approx((STEP @ STEP).as_array(), abs=2e-3)
-
-
 def test_after_a_gap_the_motion_is_unknown():
     motion, gap = ConstantVelocityModel(SE2()), ScanInterval(0.1, 1.5, 0.02, steady=True)
     drive(motion, SE2(), 30)
@@ -105,15 +98,6 @@ def test_while_lost_the_sigma_grows_in_every_direction():
     np.testing.assert_array_equal(motion.gate_covariance(here, SE2(), 1000.0, P), most)
     external = Prior(SE2(), here.covariance)
     np.testing.assert_array_equal(motion.gate_covariance(external, SE2(), 1000.0, P), external.covariance)
-
-
-def test_the_velocity_after_scans_that_were_not_found_is_that_since_the_last_one_found():
-    motion = ConstantVelocityModel(SE2())
-    pose = drive(motion, SE2(), 30, SE2(0.05))
-    for _ in range(3):
-        motion.elapse(TICK.length)
-    drive(motion, pose, 1, SE2(0.2))
-    np.testing.assert_allclose(motion.twist, (0.5, 0.0, 0.0), atol=1e-12)
 
 
 def test_the_velocity_is_clipped_to_the_limits():

@@ -13,12 +13,9 @@ from rooms import FULL, L_ROOM, look, outline
 from dbscan_reg_ros import SE2, Parameters, Prior, Scan, ScanError, ScanGeometry, Status
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.returns import deskew
-from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
-from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
-from dbscan_reg_ros.core.odometry.models.noise_history import NoiseRatioHistory
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.odometry.references import search_parameters
-from dbscan_reg_ros.simulation import LIDARS, World, follow, measure, rooms, simulate
+from dbscan_reg_ros.simulation import LIDARS, World, measure
 from dbscan_reg_ros.simulation.raycasting import cast
 
 ROOM = outline(L_ROOM)
@@ -67,12 +64,6 @@ def test_an_arc_is_followed(reference):
     assert angle < 0.01
 
 
-def test_the_twist_is_that_of_the_sensor():
-    update = run(Odometry(), drive(30))[-1]
-    assert update.twist == pytest.approx([0.3, 0.0, 0.3], abs=0.08)
-    assert update.interval == pytest.approx(0.1)
-
-
 def test_standing_still_is_still():
     updates = run(Odometry(), [SE2()] * 100)
     assert max(error(u, SE2())[0] for u in updates) < 0.004
@@ -115,15 +106,6 @@ def test_a_scan_of_noise_is_coasted_over():
     assert error(update, poses[-1])[0] < 0.03
 
 
-@pytest.mark.parametrize(('velocities', 'expected'), [(1, 0.09), (3, 0.05), (100, 0.033)])
-def test_the_mean_of_the_last_velocities_goes_on(velocities, expected):
-    odometry = Odometry(Parameters().replace({'advanced.prior.velocity_window': velocities}))
-    run(odometry, [SE2(0.03 * k) for k in range(20)] + [SE2(0.66)])
-    update = odometry.process(noise_at(21 * TENTH, np.random.default_rng(6)))
-    assert update.status is Status.FAILED
-    assert update.increment.x == pytest.approx(expected, abs=0.008)
-
-
 def test_a_prediction_can_be_requested_and_changes_nothing():
     asked, other = Odometry(), Odometry()
     assert asked.predict_motion(0) is None
@@ -141,7 +123,7 @@ def test_a_prediction_can_be_requested_and_changes_nothing():
     assert late.translation_sigma > 5.0 * expected.translation_sigma
 
 
-@pytest.mark.parametrize(('before', 'turn'), [(0.0, 0.3), (0.2, 0.5), (-0.2, 0.2), (0.3, 0.3), (0.4, 0.0)])
+@pytest.mark.parametrize(('before', 'turn'), [(0.2, 0.5), (-0.2, 0.2), (0.4, 0.0)])
 def test_a_measured_rotation_bends_the_arc_and_keeps_its_covariance(before, turn):
     """The same way along another arc; the chord of an arc of length s that turns by t is s sin(t / 2) / (t / 2)."""
     def arc(turned):
@@ -271,38 +253,6 @@ def test_a_gap_is_reported_and_bridged_where_the_view_is_known():
     assert error(update, poses[30])[0] < 0.03
 
 
-def test_after_a_gap_between_uneven_stamps_the_last_velocity_is_kept():
-    odometry, late = Odometry(), 12 * TENTH
-    odometry.process(dataclasses.replace(scan_at(SE2(), 0), stamp=-SECOND // 1000))
-    run(odometry, [SE2(0.03 * k) for k in range(20)])
-    update = odometry.process(dataclasses.replace(scan_at(SE2(0.6), 20), stamp=20 * TENTH + late))
-    assert error(update, SE2(0.6))[0] < 0.03
-    assert np.diagonal(update.twist_covariance).min() > 0.9
-    update = odometry.process(noise_at(21 * TENTH + late, np.random.default_rng(6)))
-    assert update.status is Status.FAILED
-    assert update.increment.x == pytest.approx(0.03, abs=0.006)
-
-
-def test_after_any_gap_the_prior_rejects_a_rotation_by_180_degrees():
-    odometry = Odometry()
-    run(odometry, drive(20))
-    limit = odometry.parameters.prior.gate
-    for wait in (1, 5, 10, 18):
-        prior = odometry.predict_motion((19 + wait) * TENTH)
-        assert limit * prior.rotation_sigma <= math.pi + 1e-9
-        assert (np.diagonal(prior.covariance - prior.velocity_change) >= 0.0).all()
-
-
-def test_a_requested_prediction_is_the_one_used_where_stamps_overlap():
-    world, lidar = rooms(1), LIDARS['rplidar_a']
-    result = simulate(world, follow(world.tour[:3]).until(5.0), lidar, seed=1)
-    late, alone, asked = np.random.default_rng(1).uniform(-0.05, 0.05, 40), Odometry(), Odometry()
-    for scan, delay in zip(result.scans, late):
-        scan = dataclasses.replace(scan, stamp=scan.stamp + round(delay * SECOND))
-        poses = alone.process(scan).pose, asked.process(scan, asked.predict_motion(scan.stamp)).pose
-        assert poses[0] == poses[1]
-
-
 def test_a_changed_number_of_beams_goes_on():
     odometry, poses = Odometry(), drive(40)
     coarse = ScanGeometry(-math.pi, 2.0 * FULL.angle_increment, FULL.size // 2)
@@ -310,22 +260,6 @@ def test_a_changed_number_of_beams_goes_on():
         update = odometry.process(scan_at(pose, i, coarse if i >= 20 else FULL))
     assert update.status is Status.OK
     assert error(update, poses[-1])[0] < 0.03
-
-
-def test_deskewing_removes_the_motion_from_a_scan():
-    twist, increment = np.array([1.0, 0.0, 1.5]), 0.1 / FULL.size
-    start = SE2(0.2, 0.1, 0.3)
-    ranges = [look(ROOM, start @ SE2(twist[0] * t, 0.0, twist[2] * t), FULL).ranges[i]
-              for i, t in enumerate(np.arange(FULL.size) * increment)]
-    skewed = Scan(0, ranges, FULL, increment)
-    still = look(ROOM, start, FULL)
-    points = start.apply(deskew(skewed, twist).points)
-    off = np.minimum.reduce([np.abs(points[:, 1] + 1.5), np.abs(points[:, 0] - 4.0), np.abs(points[:, 1] - 1.0),
-                             np.abs(points[:, 0] - 1.5), np.abs(points[:, 1] - 3.0), np.abs(points[:, 0] + 2.0)])
-    before = start.apply(skewed.points)
-    assert np.percentile(off, 95) < 0.01
-    assert np.abs(before - start.apply(still.points)).max() > 0.05
-    assert deskew(dataclasses.replace(skewed, time_increment=0.0), twist).geometry is FULL
 
 
 def test_every_beam_is_moved_by_the_motion_since_the_stamp():
@@ -353,7 +287,7 @@ def test_an_error_of_the_twist_dies_where_a_scan_takes_the_whole_interval():
 
 @pytest.mark.parametrize(('lidar', 'off', 'turned'), [('rplidar_a', 0.015, 0.005), ('rplidar_s', 0.015, 0.005),
                                                       ('lds', 0.05, 0.015)])
-@pytest.mark.parametrize(('speed', 'turn'), [(0.8, 1e-6), (0.5, 0.8), (0.0, -1.0)])
+@pytest.mark.parametrize(('speed', 'turn'), [(0.8, 1e-6), (0.5, 0.8)])
 def test_a_start_in_motion_leaves_no_offset(lidar, off, turned, speed, turn):
     """A scan takes the whole interval; the motion within the first one is known from the second on."""
     lidar, rng, odometry, world = LIDARS[lidar], np.random.default_rng(1), Odometry(), World(ROOM, np.zeros((1, 2)))
@@ -365,27 +299,6 @@ def test_a_start_in_motion_leaves_no_offset(lidar, off, turned, speed, turn):
             distance, angle = error(update, SE2(*poses[0]))
             assert distance < off
             assert angle < turned
-
-
-def test_a_scan_that_is_processed_twice_adds_its_noise_once(monkeypatch):
-    """The first two scans are deskewed once the second one is registered."""
-    added, after = [], NoiseRatioHistory.after
-    monkeypatch.setattr(NoiseRatioHistory, 'after', lambda self, ratio: added.append(ratio) or after(self, ratio))
-    lidar, rng, odometry, world = LIDARS['rplidar_a'], np.random.default_rng(1), Odometry(), World(ROOM,
-                                                                                                   np.zeros((1, 2)))
-    for i in range(2):
-        way = 0.8 * (i / lidar.rate + lidar.time_increment * np.arange(lidar.beams))
-        poses = np.column_stack((way, np.zeros((lidar.beams, 2))))
-        update = odometry.process(measure(world, poses, lidar, rng, round(i / lidar.rate * SECOND)))
-    assert update.twist[0] == pytest.approx(0.8, abs=0.1), 'the scans were looked at again'
-    assert len(added) == 2
-
-
-def test_a_start_at_rest_stays_as_it_is():
-    scans = [dataclasses.replace(scan_at(SE2(), i), time_increment=0.1 / FULL.size) for i in range(10)]
-    odometry = Odometry()
-    start, *updates = [odometry.process(scan) for scan in scans]
-    assert all(update.reference is start.features for update in updates)
 
 
 @pytest.mark.parametrize('jump', [-50, 3])
@@ -438,29 +351,12 @@ def test_without_deskewing_a_scan_is_taken_as_it_is():
         assert error(update, pose)[0] < 0.01
 
 
-def test_the_first_scan_is_known_to_a_millimetre_and_the_motion_not_at_all():
-    update = Odometry().process(scan_at(SE2(), 0))
-    np.testing.assert_allclose(update.covariance, 1e-6 * np.eye(3), rtol=1e-9)
-    np.testing.assert_allclose(update.twist_covariance, (1.0 + 1e-6) * np.eye(3), rtol=1e-9)
-
-
 def test_a_stamp_that_comes_twice_says_nothing_of_the_speed():
     odometry, poses = Odometry(), drive(20)
     last = run(odometry, poses)[-1]
     again = odometry.process(scan_at(poses[-1], 19))
     assert again.twist.tolist() == last.twist.tolist()
     assert again.interval == pytest.approx(0.1)
-
-
-def test_an_update_names_the_key_frame_that_its_registration_refers_to():
-    updates = run(Odometry(Parameters().replace({'advanced.odometry.zero_velocity_gate': 0.0})), drive(10))
-    assert updates[0].reference is None
-    assert updates[1].reference is updates[0].features
-    changes = [update.features for update in updates if update.reference_changed]
-    for update in updates[1:]:
-        assert update.reference in changes
-        seen = update.reference_pose @ update.registration.transform
-        assert math.hypot(seen.x - update.pose.x, seen.y - update.pose.y) < 0.02
 
 
 def test_a_reset_starts_at_the_pose_given():
@@ -485,15 +381,6 @@ def test_parameters_count_from_the_next_scan_on():
     odometry.parameters = odometry.parameters.replace({'advanced.scan.min_returns': 1000})
     with pytest.raises(ScanError, match=r'advanced\.scan\.min_returns'):
         odometry.process(scan_at(poses[5], 5))
-
-
-def test_a_key_frame_may_stand_before_the_latest():
-    frames = [KeyFrame(extract_features(look(outline(L_ROOM), SE2(x, 0.0, 0.0), FULL)), SE2(x, 0.0, 0.0))
-              for x in (0.0, 0.2, 0.4)]
-    window = KeyFrameWindow(frames[:2])
-    assert window.with_frame(frames[2], 5).frames == tuple(frames)
-    assert window.with_frame(frames[2], 5, latest=False).frames == (frames[0], frames[2], frames[1])
-    assert window.with_frame(frames[2], 2, latest=False).frames == (frames[2], frames[1])
 
 
 def test_a_sensor_at_rest_stays_nearer_to_its_place_than_its_noise():
@@ -530,10 +417,9 @@ def test_a_parameter_may_have_its_least_value(short_drives, name):
                     assert np.linalg.eigvalsh(covariance).min() > 0.0
 
 
-@pytest.mark.parametrize('reference', ['window', 'keyframe', 'previous'])
-@pytest.mark.parametrize(('single', 'gated'), [(0.0, 0.0), (0.4, 0.0), (0.9, 0.8), (0.95, 0.9), (1.0, 1.0)])
-def test_the_gate_allows_twice_the_probability_of_an_error(reference, single, gated):
-    asked = Parameters().replace({'odometry.reference': reference, 'advanced.decision.min_confidence': single})
+@pytest.mark.parametrize(('single', 'gated'), [(0.4, 0.0), (0.95, 0.9), (1.0, 1.0)])
+def test_the_gate_allows_twice_the_probability_of_an_error(single, gated):
+    asked = Parameters().replace({'advanced.decision.min_confidence': single})
     assert search_parameters(asked).decision.min_confidence == pytest.approx(gated)
 
 

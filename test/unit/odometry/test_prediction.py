@@ -43,15 +43,6 @@ def test_an_external_prior_predicts_beside_the_motion_model(state):
     np.testing.assert_array_equal(found.best.gate_covariance, WHEELS.covariance)
 
 
-def test_an_external_prior_is_corrected_by_the_calibration(state):
-    """Wheel odometry is 20 % too large."""
-    for _ in range(200):
-        state.wheels.learn(Prior(SE2(0.12), WHEELS.covariance), SE2(0.1), 1.0, 300.0)
-    found = predict(state, Prior(SE2(0.06), WHEELS.covariance), TICK, P)
-    assert found.best.prior.transform.x == pytest.approx(0.05, abs=1e-3)
-    assert found.external.transform.x == 0.06
-
-
 def test_a_gyroscope_changes_the_rotation_and_is_no_external_motion(state):
     by_motion = state.motion.predict(TICK, P)
     found = predict(state, by_motion.with_rotation(0.1, 0.001), TICK, P)

@@ -16,7 +16,6 @@ from dbscan_reg_ros.core.odometry.references import (
     Match,
     Outcome,
     fallback_references,
-    is_recoverable,
     predicted_along_degenerate,
 )
 from dbscan_reg_ros.core.odometry.state import Tracking, TrackState
@@ -50,27 +49,9 @@ def numbers(references):
     return [reference.key_frame.number for reference in references]
 
 
-def test_the_score_says_whether_a_failed_result_is_retried():
-    assert is_recoverable(registered(score=RECOVERABLE), P) and not is_recoverable(registered(score=HOPELESS), P)
-
-
-def test_the_latest_key_frame_follows_the_local_map_where_the_map_has_more(frames):
-    state = after(frames)
-    assert state.key_frames.local_map_of('') is not frames[-1].features
-    found = fallback_references(state, POSES[-1], registered(), P)
-    assert found[0].key_frame is frames[-1] and found[0].features is frames[-1].features
-    assert numbers(fallback_references(after(frames[-1:]), POSES[-1], registered(), P)) == []
-
-
 def test_older_key_frames_follow_by_their_distance_from_the_prediction(frames):
     assert numbers(fallback_references(after(frames), SE2(-0.7, 0.2), registered(), P)) == [3, 2, 1]
     assert numbers(fallback_references(after(frames), SE2(-1.3, 0.2), registered(), P)) == [3, 0, 1]
-
-
-@pytest.mark.parametrize(('count', 'expected'), [(0, [3]), (1, [3, 2]), (9, [3, 2, 1, 0])])
-def test_the_number_of_older_key_frames_is_limited(frames, count, expected):
-    limited = P.replace({'advanced.odometry.older_key_frames': count})
-    assert numbers(fallback_references(after(frames), POSES[-1], registered(), limited)) == expected
 
 
 def test_where_the_local_map_scored_near_zero_only_key_frames_nearer_than_the_latest_are_tried(frames):

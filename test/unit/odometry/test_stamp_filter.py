@@ -6,15 +6,6 @@ from dbscan_reg_ros.core.odometry.models.stamp_filter import StampFilter
 from dbscan_reg_ros.core.parameters.odometry import TimeParameters
 
 
-def test_jitter_of_the_stamps_does_not_make_speed():
-    intervals = StampFilter()
-    stamps = [0, 200, 400, 600, 800, 1000, 995, 1200, 1201, 1400, 1700]
-    found = [intervals.next(s * 1_000_000, 0.0, TimeParameters(), 0.0) for s in stamps]
-    assert not any(time.jump for time in found)
-    assert [round(time.length, 3) for time in found[2:]] == pytest.approx(
-        [0.2, 0.2, 0.2, 0.2, 0.2, 0.205, 0.2, 0.199, 0.3], abs=0.02)
-
-
 def test_ten_intervals_without_a_scan_are_a_gap_where_stamps_are_uneven():
     intervals = StampFilter()
     stamps = -1, 0, 100, 200, 1150, 1250, 2300, 2300, 7000

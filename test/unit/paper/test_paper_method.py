@@ -51,13 +51,6 @@ def test_the_cluster_is_that_of_the_most_samples_also_across_the_seam():
     assert seam.weight[0] == 5.0 and math.remainder(seam.phi[0] - half, math.pi) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_mean_is_drawn_to_the_median():
-    """Weights 1, 1, 1, 1/2 and 1/(1 + 3^2), as the distances from the median are 0, 0, 0, 1 and 3 mrad."""
-    values = [0.30, 0.30, 0.30, 0.301, 0.303]
-    found = estimate_rotation(lines(values), lines([0.0]))
-    assert found.phi[0] == pytest.approx(np.average(values, weights=[1.0, 1.0, 1.0, 0.5, 0.1]))
-
-
 def test_without_lines_there_is_neither_rotation_nor_translation():
     for reference, current in ((walls(), ROOM), (ROOM, walls()), (walls(), walls())):
         found = estimate_rotation(reference, current)

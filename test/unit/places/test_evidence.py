@@ -18,12 +18,6 @@ def test_what_suits_two_places_suits_a_place_outside_as_well():
     assert log_odds(counts(0.93, 0.6))[0] > log_odds(counts(0.93))[0] > log_odds(counts(0.93, 0.92))[0] + 0.5
 
 
-def test_what_suits_two_places_in_full_is_a_copy():
-    odds = log_odds(counts(1.0, 1.0, 0.7, returns=600))
-    assert odds[0] == pytest.approx(odds[1])
-    assert odds[0] > 5.0 and odds[0] - odds[2] > 15.0
-
-
 def test_the_odds_of_two_places_do_not_depend_on_a_third():
     two, three = (log_odds(counts(0.99, 0.9, *others)) for others in ((), (0.85,)))
     assert two == pytest.approx(three[:2])

@@ -97,16 +97,6 @@ def test_a_map_whose_parts_do_not_fit_together_is_refused_in_one_line(saved, nam
     assert '\n' not in str(raised.value)
 
 
-@pytest.mark.parametrize('share', [0.0, 0.3, 0.99])
-def test_a_file_that_was_cut_off_is_refused_in_one_line(saved, share):
-    path, _ = saved
-    content = path.read_bytes()
-    path.write_bytes(content[:int(share * len(content))])
-    with pytest.raises(MapError, match=r'map\.npz: no map') as raised:
-        Map.load(path)
-    assert '\n' not in str(raised.value)
-
-
 @pytest.mark.filterwarnings('error')
 def test_a_damaged_file_is_read_or_refused_in_one_line(saved):
     path, made = saved

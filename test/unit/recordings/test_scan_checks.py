@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dbscan_reg_ros import Scan
 from dbscan_reg_ros.recordings.checks.scan_checks import CloudChecks, Kind, ScanChecks, ScanFields, ScanWatch
 
 SECOND = 10**9
@@ -143,27 +142,9 @@ def test_after_a_restart_stamps_may_be_any():
     assert not checks.look(scans[0]._replace(stamp=SECOND))
 
 
-@pytest.mark.parametrize('beams_off, odd', [(0.0, False), (1.0, False), (-1.0, False), (2.0, True), (-30.0, True)])
-def test_angle_max_may_be_one_beam_off(beams_off, odd):
-    fields = next(drive())
-    fields = fields._replace(angle_max=fields.angle_max + beams_off * fields.angle_increment)
-    assert [warning.kind for warning in ScanChecks().look(fields)] == [Kind.ANGLE_MAX] * odd
-
-
-def test_an_angle_increment_of_0_or_no_beams_are_the_matter_of_others():
-    fields = next(drive())
-    assert not ScanChecks().look(fields._replace(angle_increment=0.0))
-    assert not ScanChecks().look(fields._replace(ranges=np.zeros(0, dtype=np.float32)))
-
-
 def test_damaged_numbers_are_looked_at_without_a_warning():
     bits = np.array([0x7f800001, 0xffa00000, 0x7fc00000, 0x7f7fffff, 0x00000001, 0x80000000], dtype=np.uint32)
     assert sightings(drive(ranges=lambda _k: np.resize(bits, 360).view(np.float32))).keys() <= {Kind.MILLIMETRES}
-
-
-def test_a_scan_of_its_own_is_looked_at_as_its_message(scans):
-    assert not sightings(ScanFields.from_scan(scan) for scan in scans)
-    assert isinstance(scans[0], Scan)
 
 
 # Point clouds

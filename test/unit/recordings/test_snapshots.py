@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from dbscan_reg_ros import Odometry, Parameters, Prior, RecordingError, Scan, Status
+from dbscan_reg_ros import Odometry, Parameters, Prior, RecordingError, Scan
 from dbscan_reg_ros.recordings.snapshots import Snapshot, SnapshotUpdate, read_snapshot, write_snapshot
 
 
@@ -57,19 +57,10 @@ def test_everything_is_read_back_unchanged(written, updates):
         np.testing.assert_array_equal(read.registration.matches, update.registration.matches)
 
 
-def test_a_scan_that_is_the_reference_of_others_is_kept_once(written):
-    snapshot = read_snapshot(written)
-    assert snapshot.updates[1].reference is snapshot.updates[0].scan
-
-
 def test_the_file_needs_no_pickle_and_leaves_no_part_behind(written):
     with np.load(written, allow_pickle=False) as archive:
         assert all(archive[name].dtype != object for name in archive.files)
     assert [path.name for path in written.parent.iterdir()] == ['snapshot.npz']
-
-
-def test_statuses_are_those_of_the_records(written):
-    assert all(isinstance(update.status, Status) for update in read_snapshot(written).updates)
 
 
 @pytest.mark.parametrize('content', [b'', b'nonsense', b'PK\x03\x04 broken'])

@@ -9,7 +9,6 @@ from l_room import (
     END,
     START,
     features,
-    fitted,
     jacobian,
     linear_residuals,
     normal_equations,
@@ -44,32 +43,6 @@ def test_a_point_before_a_wall_errs_by_its_distance_and_weighs_by_the_kernel():
     assert linear_residuals(found[0])[:, 0] == pytest.approx((0.0, -1.0, -0.3, 0.05))
     assert found[1].places[0] == pytest.approx(1.9 + 1.65j + 1j * (0.3 + 1.9j))
     assert [weight(each, 0.1)[0] for each in found] == pytest.approx([math.exp(-0.125), 0.0, 0.0])
-
-
-def test_the_equations_are_those_of_the_numeric_derivatives():
-    reference, current = features(START), features(END)
-    found = fitted(reference, current, NEAR)
-    error, weights = found.residuals[0], weight(found, 0.1)
-    assert np.count_nonzero(weights) > 100
-    step, columns = 1e-7, []
-    for axis in range(3):
-        moved = NEAR.as_array()
-        moved[axis] += step
-        columns.append((fitted(reference, current, SE2(*moved)).residuals[0] - error) / step)
-    # In another cell, a point may have another correspondence.
-    smooth = np.abs(np.array(columns)).max(axis=0) < 10.0
-    assert smooth.mean() > 0.98
-    design = np.vstack((*columns, error))[:, smooth]
-    np.testing.assert_allclose(normal_equations(linear_residuals(found)[:, smooth], weights[smooth]),
-                               normal_equations(design, weights[smooth]), atol=1e-4)
-
-
-def test_scans_with_the_same_normals_agree_on_all_information():
-    reference, current = features(START), features(END)
-    found = fitted(reference, current, NEAR)
-    weights, same = weight(found, 0.1), found.residuals[2:5]
-    np.testing.assert_allclose(shared_information(table(same, weights, same)), normal_equations(same, weights),
-                               atol=1e-9)
 
 
 def test_scans_whose_normals_stray_each_by_itself_do_not_agree_along_a_wall():
@@ -112,17 +85,3 @@ def test_a_candidate_that_would_creep_farther_than_the_kernel_stays():
     assert np.abs(found - MOTION.as_array()).max() < 1e-3
     found, _ = polished(reference, current, far)
     assert (found == far).all()
-
-
-def test_the_errors_of_what_was_polished_are_those_where_it_lies_now():
-    reference, current = features(START), features(END)
-    near = (MOTION @ SE2(0.02, -0.01, 0.01)).as_array()
-    found, errors = polished(reference, current, near)
-    there, before = (fit(each, current.oriented_points, reference.likelihood_field, DENSITY.min_normal_cosine)
-                     for each in (found, near))
-    both = errors.alike & there.alike
-    assert both.mean() > 0.95
-    assert np.percentile(np.abs(errors.residuals[0] - there.residuals[0])[both], 95) < 3e-4
-    assert np.median(np.abs(errors.residuals[0] - before.residuals[0])[both]) > 3e-3
-    few = errors.of_every(8, current.oriented_points.thinned(50))
-    np.testing.assert_array_equal(few.rotated_points, errors.rotated_points[::8])

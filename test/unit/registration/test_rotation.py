@@ -11,7 +11,7 @@ from dbscan_reg_ros.core.features.records import Segments
 from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
 from dbscan_reg_ros.core.parameters.registration import RotationParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
-from dbscan_reg_ros.core.registration.clustering.rotation import estimate_rotations, k_distances, pair_weights
+from dbscan_reg_ros.core.registration.clustering.rotation import estimate_rotations, pair_weights
 
 DEFAULT = RotationParameters()
 
@@ -49,27 +49,9 @@ def test_directed_lines_tell_every_rotation(degrees):
     assert (np.diff(found.weight) <= 0.0).all()
 
 
-def test_all_differences_are_there():
-    found = rotations(lines([0.0, 1.0]), lines([0.3, 0.5, -3.0]), DEFAULT)
-    np.testing.assert_allclose(found.difference, [[-0.3, -0.5, 3.0], [0.7, 0.5, wrap(4.0)]])
-
-
 def differences(values):
     """Two scans whose angle differences are the given ones."""
     return lines(values), lines([0.0])
-
-
-def test_sigma_from_the_k_dist_graph_has_min_points_k_plus_1():
-    rng = np.random.default_rng(0)
-    values = np.concatenate((0.3 + rng.normal(0.0, 0.004, 20), rng.uniform(-3.0, 3.0, 20)))
-    for min_points in (1, 2, 4):
-        parameters = RotationParameters(eps=0.0, min_samples=min_points)
-        found = rotations(*differences(values), parameters)
-        graph = k_distances(wrap(values), max(min_points - 1, 1))
-        # The knee lies farthest below the chord between the ends of the graph.
-        knee = graph[np.argmax(np.linspace(graph[0], graph[-1], len(graph)) - graph)]
-        assert found.eps == pytest.approx(np.clip(knee, 0.005, 0.05))
-        assert abs(found.phi[0] - 0.3) < 0.01
 
 
 def test_the_knee_lies_where_the_graph_turns_flat():
@@ -78,18 +60,6 @@ def test_the_knee_lies_where_the_graph_turns_flat():
     assert unweighted(*differences(values), eps=0.0).eps == pytest.approx(0.01)
     for least, few in ((0.02, [0.0, 0.02, 0.04, 0.06]), (0.04, [0.0, 0.04])):
         assert unweighted(*differences(few), eps=0.0).eps == pytest.approx(least)
-
-
-def test_min_points_leaves_lonely_samples_out():
-    found = rotations(*differences([0.3, 0.31, 0.32, 1.0]), RotationParameters(eps=0.02, min_samples=3))
-    np.testing.assert_array_equal(found.labels[:, 0], [0, 0, 0, -1])
-    assert len(found.phi) == 1
-
-
-def test_where_no_sample_has_neighbours_there_is_no_rotation():
-    found = rotations(*differences([0.3, 1.0]), RotationParameters(eps=0.02, min_samples=2))
-    assert len(found.phi) == len(found.weight) == 0
-    assert found.labels.tolist() == [[-1], [-1]] and found.eps == 0.02
 
 
 def test_a_cluster_across_the_seam_is_one():
@@ -109,24 +79,9 @@ def test_a_chain_is_cut_where_a_width_is_given_and_never_without():
     np.testing.assert_allclose(np.sort(parts.phi[:2]), [0.0015, 0.1015], atol=1e-9)
 
 
-def test_a_chain_is_clustered_again_with_half_the_neighbourhood():
-    """Gaps of 0.03 rad hold against 0.04 rad, and no more against half of that."""
-    values = [0.0, 0.001, 0.031, 0.032, 0.0625, 0.063]
-    for width, count in ((0.0, 1), (0.0004, 3)):
-        found = unweighted(*differences(values), eps=0.04, max_width=width)
-        assert len(found.phi) == count
-
-
 def test_no_more_hypotheses_than_asked_for_heaviest_first():
     values = [0.0, 0.0, 0.0, 1.0, 1.0, 2.0]
     found = unweighted(*differences(values), max_hypotheses=2)
     np.testing.assert_allclose(found.phi, [0.0, 1.0])
     np.testing.assert_array_equal(found.weight, [3.0, 2.0])
     np.testing.assert_array_equal(found.labels[:, 0], [0, 0, 0, 1, 1, -1])
-
-
-def test_without_segments_there_is_no_rotation():
-    for reference, current in ((lines([]), lines([1.0])), (lines([1.0]), lines([])), (lines([]), lines([]))):
-        found = rotations(reference, current, DEFAULT)
-        assert len(found.phi) == len(found.weight) == 0
-        assert found.difference.shape == found.labels.shape == (len(reference), len(current))

@@ -4,14 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from l_room import weight
 from rooms import FULL, HALF, L_ROOM, look, outline
 from scipy.spatial.distance import mahalanobis
 
 from dbscan_reg_ros import SE2, Parameters, Prior
 from dbscan_reg_ros.core.features.extraction import extract_features
-from dbscan_reg_ros.core.parameters.registration import COARSE_SCALE
-from dbscan_reg_ros.core.registration.fit import fit
 from dbscan_reg_ros.core.registration.hypotheses import Candidates
 from dbscan_reg_ros.core.registration.ranking import rank_by_density
 from dbscan_reg_ros.core.registration.scoring import (
@@ -68,17 +65,6 @@ def test_reference_points_in_the_free_space_of_the_current_scan_count_as_violati
     assert reverse_conflicts(Problem(features(START), current, ALIKE), rows(MOTION))[0] == 0.0
 
 
-def test_preselection_keeps_the_best_first():
-    reference, current = features(START), features(END)
-    order = [SE2(), SE2(0.1, 0.05, 0.0), SE2(0.3, 0.2, 0.0), SE2(0.6, 0.6, 0.3), SE2(1.0, 1.0, 1.6)]
-    candidates = rows(*(MOTION @ off for off in order))
-    chosen = ALIKE.replace({'advanced.selection.preselected': 3}).selection
-    np.testing.assert_array_equal(preselect(candidates[::-1], current.sampled_points, reference.free_space, chosen,
-                                            DENSITY), candidates[:3])
-    np.testing.assert_array_equal(preselect(candidates[:3], current.sampled_points, reference.free_space, chosen,
-                                            DENSITY), candidates[:3])
-
-
 def test_preselection_prefers_unseen_space_to_free_space():
     """Half a scan from the middle of a hall, and a small room.
 
@@ -99,18 +85,6 @@ UNREFINED = {'advanced.refinement.coarse_iterations': 0}
 def ranked(problem, candidates):
     """The hypotheses after the coarse ranking, without a step."""
     return rank_by_density(problem, Candidates(candidates, np.empty((0, 3))), np.inf)
-
-
-def test_promising_hypotheses_have_enough_of_the_best_support():
-    reference, current = features(START), features(END)
-    candidates = rows(*(MOTION @ off for off in (SE2(0.2, 0.1, 0.0), SE2(), SE2(1.0, 1.0, 1.6))))
-    fits = [fit(each, current.sampled_points, reference.likelihood_field, DENSITY.min_normal_cosine)
-            for each in candidates]
-    support = np.array([weight(each, COARSE_SCALE).sum() for each in fits])
-    assert 0.9 > support[0] / support[1] > support[2] / support[1] + 0.1
-    for share, count in (0.95 * support[0] / support[1], 2), (1.05 * support[0] / support[1], 1), (0.0, 3):
-        p = ALIKE.replace(UNREFINED | {'advanced.selection.min_support_ratio': float(share)})
-        assert len(np.unique(ranked(Problem(reference, current, p), candidates).candidates, axis=0)) == count
 
 
 @pytest.mark.parametrize('step', [SE2(0.0, 0.1, 0.0), SE2(-0.4, 0.0, 0.0), SE2(0.3, -0.2, 0.1)])
@@ -162,7 +136,3 @@ def test_without_points_that_face_along_it_a_degenerate_direction_is_not_searche
     candidates = rows(SE2(0.3, 0.0, 0.0))
     found = search_degenerate_direction(candidates, np.array([-0.7]), Problem(scan, scan, ALIKE))
     np.testing.assert_array_equal(found, candidates)
-
-
-def test_as_many_exempt_as_other_candidates_are_not_none():
-    assert Candidates(np.zeros((2, 3)), np.ones((2, 3))).size == 4

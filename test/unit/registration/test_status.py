@@ -55,12 +55,6 @@ def test_hypotheses_that_are_different_motions_are_assessed_best_first():
     assert rival.transform.as_array() == pytest.approx([0.9, 0.3, 0.2])
 
 
-def test_along_a_degenerate_direction_there_is_no_rival():
-    candidates = np.array([(0.0, 0.0, 0.0), (3.0 * math.cos(0.4), 3.0 * math.sin(0.4), 0.0)])
-    for direction, different in ((None, True), (0.4, False), (0.4 + 0.5 * math.pi, True)):
-        assert find_rivals(candidates, direction).tolist() == [False, different]
-
-
 @pytest.mark.parametrize(('status', 'weakest', 'spread', 'expected'), [
     (Status.OK, 9.9, 0.6, Status.DEGENERATE), (Status.OK, 10.0, 0.6, Status.OK), (Status.OK, 9.9, 0.5, Status.OK),
     (Status.OK, None, 0.6, Status.OK), (Status.AMBIGUOUS, 9.9, 0.6, Status.AMBIGUOUS),

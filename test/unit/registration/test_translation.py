@@ -69,16 +69,6 @@ def test_pairs_that_hardly_cross_give_no_sample():
         assert len(found.samples) == count
 
 
-def test_a_corridor_and_an_empty_scan_give_no_sample_from_lines():
-    corridor = walls(((0.0, 1.0), (5.0, 1.0)), ((5.0, -1.0), (0.0, -1.0)))
-    nothing = walls()
-    parameters = TranslationParameters(end_weight=0.0)
-    for reference, current in ((corridor, corridor), (nothing, corridor), (corridor, nothing), (nothing, nothing)):
-        found = translations(reference, current, parameters)
-        assert found.samples.shape == (0, 2)
-        assert len(found.transform) == len(found.weight) == 0
-
-
 def test_the_ends_of_a_corridor_place_it_where_the_lines_do_not():
     """Two walls of one direction that end in the open: their ends ask for the motion along it."""
     corridor = walls(((0.0, 1.0), (5.0, 1.0)), ((5.0, -1.0), (0.0, -1.0)), kind=EndKind.FREE)
@@ -129,21 +119,3 @@ def test_lines_that_a_rotation_makes_parallel_weigh_by_how_well_it_does(monkeypa
             end_weight=1.0, min_crossing_sine=1.0))
         assert not found.rotation.any()
         assert found.sample_weight == pytest.approx([*expected, *expected])
-
-
-@pytest.mark.parametrize(('width', 'sizes'), [(0.0, [4]), (0.001, [2, 2])])
-def test_wide_clusters_are_clustered_once_more_with_half_the_neighbourhood(width, sizes):
-    """Gaps of 0.04 m and 0.09 m of the starts, against neighbourhoods of 0.1 m and 0.05 m."""
-    here = walls(*[((0.0, y), (3.0 + k, y)) for k, y in enumerate((0.0, 0.04, 0.13, 0.17))])
-    there = walls(((0.0, 0.0), (20.0, 0.0)))
-    found = translations(here, there, TranslationParameters(eps=0.1, max_width=width))
-    starts = found.labels[np.hypot(*found.samples.T) < 1.0]
-    assert sorted(np.unique(starts, return_counts=True)[1]) == sizes
-
-
-def test_every_rotation_has_samples_of_its_own():
-    found = translations(ROOM, moved(ROOM, MOTION), LINES_ONLY, max_hypotheses=3, eps=0.01)
-    for rotation in np.unique(found.rotation):
-        labels = found.labels[found.rotation == rotation]
-        assert not np.isin(labels, found.labels[found.rotation != rotation]).any()
-    assert len(np.unique(found.transform[:, 2])) == len(np.unique(found.rotation))

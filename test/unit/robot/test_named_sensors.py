@@ -81,10 +81,20 @@ def test_a_parameter_file_holds_the_parameters_of_each_lidar(tmp_path):
     ({'input.mask': MASK * 2}, 'input.mask = .*: expected 8 numbers$'),
     ({'front.range_min': -1.0}, 'front.range_min = -1.0: expected 0.0 to 1000.0 m'),
     ({'rear.type': 'scan'}, "rear.type = 'scan': expected one of 'auto'"),
-    ({'rear.upside_down': 1}, 'rear.upside_down = 1: expected true or false')])
+    ({'rear.upside_down': 1}, 'rear.upside_down = 1: expected true or false'),
+    ({'calibrate_mountings': True}, 'calibrate_mountings is gone')])
 def test_contradictions_are_named(values, expected):
     with pytest.raises(ValueError, match=expected):
         NodeParameters().replace({'sensors': ['front', 'rear'], **values})
+
+
+@pytest.mark.parametrize('values, expected', [
+    ({'mounting': 'none'}, "expected mounting 'tf' for several lidars"),
+    ({'scan_topics': ['a', 'a']}, 'expected each topic once'),
+    ({'input.time_offset': [0.0, 0.1, 0.2]}, 'expected one number, or 2: 1 for each topic of scan_topics')])
+def test_lidars_without_names_that_cannot_be_used_are_refused(values, expected):
+    with pytest.raises(ValueError, match=expected):
+        NodeParameters().replace({'scan_topics': ['a', 'b'], **values})
 
 
 def test_parameters_of_lidars_without_names_are_unknown():

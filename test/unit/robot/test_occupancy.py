@@ -63,10 +63,6 @@ def test_cells_are_passed_up_to_the_return_and_hit_there(seed):
     assert on_rays.all() and cell(*sensor) in states
 
 
-def test_a_scan_without_returns_observes_nothing():
-    assert states_of(trace_rays(np.full((5, 2), np.nan), np.array((1.0, -2.0)), RESOLUTION, 5.0)) == {}
-
-
 @pytest.mark.parametrize('seed', range(3))
 def test_cells_are_occupied_if_enough_scans_hit_them(seed):
     rng = np.random.default_rng(seed)

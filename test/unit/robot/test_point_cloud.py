@@ -120,7 +120,7 @@ def turning(times, first, sign, rows=4, beams=180):
     (('time', 7, lambda t: t - 0.1), -0.1), (('t', 6, lambda t: round(1e9 * t)), 0.0),
     (('timestamp', 8, lambda t: 1e-9 * STAMP + t - 0.05), -0.05), (('timestamp', 8, lambda t: 1e9 * t + STAMP), 0.0),
     (('timestamp', 8, lambda t: 37.0 + t), 0.0), (('offset_time', 6, lambda t: round(1e9 * t)), 0.0)])
-@pytest.mark.parametrize('first, sign', [(0.0, 1), (2.1, -1), (-3.0, 1), (math.pi, -1)])
+@pytest.mark.parametrize('first, sign', [(2.1, -1), (-3.0, 1)])
 def test_beams_are_in_the_order_in_which_they_were_measured(times, starts, first, sign):
     message = turning(times, first, sign)
     scan = scan_from_cloud(message, np.eye(4), InputParameters(height_min=-1.0, bearing_step=math.radians(2.0)))

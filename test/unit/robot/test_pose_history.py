@@ -72,11 +72,3 @@ def test_rates_that_come_twice_or_late_turn_nothing():
         headings.add_rate(k * SECOND // 100, 1.0)
         headings.add_rate((k - 1) * SECOND // 100, -5.0)
     assert headings.at(SECOND).theta == pytest.approx(1.0)
-
-
-def test_headings_start_again_when_time_goes_back():
-    headings = HeadingHistory()
-    for stamp in (10, 11, 5, 6):
-        headings.add_rate(stamp * SECOND, 1.0)
-    assert headings.at(6 * SECOND).theta - headings.at(5 * SECOND).theta == pytest.approx(1.0)
-    assert headings.at(10 * SECOND) is None

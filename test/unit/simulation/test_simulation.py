@@ -12,7 +12,6 @@ from dbscan_reg_ros.simulation import (
     LIDARS,
     PRESETS,
     Lidar,
-    Path,
     Person,
     WheelErrors,
     World,
@@ -28,7 +27,6 @@ from dbscan_reg_ros.simulation import (
 from dbscan_reg_ros.simulation.raycasting import cast
 from dbscan_reg_ros.simulation.worlds import box, clearance
 
-EXACT = Lidar(noise=0.0)
 NO_CIRCLES = np.empty((0, 3))
 NO_SEGMENTS = np.empty((0, 2, 2))
 WORLDS = {'rooms': rooms, 'corridor': corridor, 'hall': hall}
@@ -69,39 +67,6 @@ def test_a_column_hides_what_is_behind_it_and_nothing_beside_it():
     np.testing.assert_allclose(ranges[1], 3.0 * math.cos(edge), atol=1e-2)
     np.testing.assert_allclose(ranges[2], 5.0 / math.cos(edge + 1e-6), atol=1e-9)
     assert ranges[3] == math.inf
-
-
-def test_a_ray_along_a_wall_and_a_ray_into_a_joint_meet_no_gap():
-    square = box(0.0, 0.0, 2.0, 2.0, 0.3)
-    corners = square[:, 0]
-    angles = np.arctan2(corners[:, 1], corners[:, 0])
-    ranges = cast(np.zeros((1, 2)), directions(angles), square, NO_CIRCLES)
-    np.testing.assert_allclose(ranges, math.sqrt(2.0), atol=1e-6)
-    along = cast(np.array([(0.0, 1.0)]), np.array([(1.0, 0.0)]), box(2.0, 0.0, 2.0, 2.0, 0.0), NO_CIRCLES)
-    np.testing.assert_allclose(along, 1.0, atol=1e-12)
-
-
-def test_inside_a_column_its_far_side_is_seen():
-    ranges = cast(np.zeros((1, 2)), np.array([(1.0, 0.0)]), NO_SEGMENTS, np.array([(0.5, 0.0, 1.0)]))
-    np.testing.assert_allclose(ranges, 1.5)
-
-
-@pytest.mark.long
-def test_ranges_agree_with_shapely_over_1000_random_beams():
-    geometry = pytest.importorskip('shapely', reason='the independent ray caster is shapely')
-    world = rooms(3)
-    lines = geometry.union_all([geometry.LineString(segment) for segment in world.segments])
-    rings = [geometry.LineString(np.array([x, y]) + r * directions(np.linspace(0, 2 * math.pi, 401)))
-             for x, y, r in world.circles]
-    surfaces = geometry.union_all([lines, *rings])
-    random = rng()
-    origins = random.uniform((0.5, -0.9), (21.5, 0.9), (1000, 2))
-    aims = directions(random.uniform(-math.pi, math.pi, 1000))
-    ours = cast(origins, aims, world.segments, world.circles)
-    rays = geometry.linestrings(np.stack((origins, origins + 30.0 * aims), axis=1))
-    theirs = geometry.distance(geometry.points(origins), geometry.intersection(rays, surfaces))
-    assert np.isfinite(ours).all()
-    np.testing.assert_allclose(ours, theirs, atol=1e-3)
 
 
 @pytest.mark.parametrize('lidar', [Lidar(noise=0.0, mounting=SE2(0.2, -0.1, 0.7)), exact('rplidar_a')],
@@ -145,13 +110,6 @@ def test_noise_dropouts_and_outliers_are_those_asked_for():
     assert error[near].mean() == pytest.approx(0.0, abs=5e-4)
 
 
-def test_the_noise_grows_with_the_range_where_a_share_is_asked_for():
-    lidar = Lidar(beams=50_000, noise=0.01, noise_ratio=0.02)
-    near, far = (lidar.measured(np.full(lidar.beams, distance), rng()) - distance for distance in (0.3, 4.0))
-    assert near.std() == pytest.approx(0.01, rel=0.03) and far.std() == pytest.approx(0.08, rel=0.03)
-    assert lidar.measured(np.array([math.inf]), rng()) == [math.inf]
-
-
 def test_ranges_beyond_the_limits_are_missing_and_others_are_rounded():
     world = World(box(0.0, 0.0, 8.0, 2.0, 0.0), np.zeros((2, 2)))
     lidar = Lidar(noise=0.0, range_min=1.1, range_max=3.0, resolution=0.05)
@@ -187,19 +145,6 @@ def test_a_path_keeps_its_limits_and_looks_where_it_drives():
     assert 13.0 < path.length < 15.0
 
 
-def test_a_pause_is_stood_out():
-    path = follow([(0, 0), (2, 0), (4, 0)], pauses={0: 1.0, 1: 3.0})
-    poses = path.poses_at(np.linspace(0.0, path.duration, 2000))
-    still = np.hypot(*np.diff(poses[:, :2], axis=0).T) == 0.0
-    assert still.mean() * path.duration == pytest.approx(4.0, abs=0.1)
-    assert (np.abs(poses[:, 0] - 2.0) < 1e-9).mean() * path.duration == pytest.approx(3.0, abs=0.1)
-
-
-def test_a_path_interpolates_between_its_points_and_wraps_the_heading():
-    path = Path(np.array([0.0, 2.0]), np.array([(0.0, 0.0, 3.0), (1.0, 2.0, 4.0)]))
-    np.testing.assert_allclose(path.poses_at([1.0]), [(0.5, 1.0, 3.5 - 2.0 * math.pi)])
-
-
 @pytest.mark.parametrize(('make', 'name'), [
     (rooms, 'hokuyo_utm30lx'), (rooms, 'rplidar_a'), (hall, 'sick_lms5xx'),
 ])
@@ -229,13 +174,6 @@ def test_a_person_walks_to_and_fro():
     world = World(NO_SEGMENTS, np.zeros((2, 2)), people=(person,))
     still = Lidar(beams=1, angle_min=0.0, noise=0.0, range_min=0.0)
     assert measure(world, [(-1.0, 0.0, 0.0)], still, rng(), time=2.0).ranges[0] == pytest.approx(2.7)
-
-
-def test_a_long_corridor_hides_both_ends_from_a_short_sighted_lidar():
-    world = corridor(length=60.0, doors=0)
-    lidar = Lidar(angle_min=-math.pi, angle_increment=math.pi / 180.0, beams=360, range_max=10.0, noise=0.0)
-    scan = measure(world, [(30.0, 0.0, 0.0)], lidar, rng())
-    np.testing.assert_allclose(np.abs(scan.points[scan.valid][:, 1]), 1.1, atol=1e-5)
 
 
 def test_perfect_wheels_follow_the_path():
