@@ -21,7 +21,7 @@ from .command_line import (
     run,
 )
 
-OF_A_DRIVE = 'odometry.', 'prior.', 'time.', 'decision.weak_prior_sigma'
+OF_A_DRIVE = 'odometry.', 'prior.', 'time.'
 """Prefixes, after `ADVANCED`, of parameters that have no effect on the registration of a single pair."""
 PAIR = 2
 """Numbers of scans of a recording: reference and current."""

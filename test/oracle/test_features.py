@@ -12,7 +12,7 @@ from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.noise import estimate_noise
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints, high_leverage, leverage
 from dbscan_reg_ros.core.features.ring_band import Outcome, ring_band_filter
-from dbscan_reg_ros.core.features.surfaces import estimate_normals, find_breaks
+from dbscan_reg_ros.core.features.surfaces import NORMAL_NOISE, estimate_normals, find_breaks
 from dbscan_reg_ros.core.features.tables import build_free_space_profile, build_likelihood_field
 from dbscan_reg_ros.core.geometry.se2 import as_complex, as_vectors
 from dbscan_reg_ros.core.parameters.tree import Parameters
@@ -109,7 +109,7 @@ def test_surfaces_end_where_eq_5_says_and_normals_are_those_of_their_windows(see
         assert abs(normals[k]) == pytest.approx(1.0)
         if len(near) == 5:
             # The window has at least these points: the normal is that of all of them if the reach adds none.
-            reach = max(0.1, P.segments.normal_noise * noise[k])
+            reach = max(0.1, NORMAL_NOISE * noise[k])
             beyond = points[[near[0] - 1, (near[-1] + 1) % len(points)]]
             if np.abs(beyond - points[k]).max() > 2.0 * reach:
                 own = np.stack((points[near].real, points[near].imag), axis=1)

@@ -14,7 +14,7 @@ from libc.stdlib cimport free, malloc
 from ..geometry.plane cimport distance, modulus, vector
 from .oriented_points cimport OrientedPoints
 from .records cimport Features
-from .surfaces cimport BreakLimits, break_limits, is_break
+from .surfaces cimport DEPTH_MARGIN, BreakLimits, break_limits, is_break
 
 cdef double SIGMAS = tolerance.SIGMAS, TINY = tolerance.TINY
 
@@ -91,7 +91,7 @@ cdef Py_ssize_t find_objects(Features features, double size, parameters, SmallOb
     """Write the `find_small_objects` of a scan, at most one for each point; return their number."""
     cdef Circle circle = circle_of(features)
     cdef BreakLimits limits = break_limits(circle.increment, features.noise, parameters)
-    cdef double margin = parameters.depth_margin + SIGMAS * features.noise
+    cdef double margin = DEPTH_MARGIN + SIGMAS * features.noise
     cdef Py_ssize_t count = 0, first = 0, end, last, before, after, k
     cdef double complex start, stop
     cdef SmallObject *thing

@@ -12,7 +12,7 @@ from libc.stdlib cimport free, malloc
 from ..geometry.plane cimport (Line, Moments, cross, difference, distance, dot, fit_line, length_of, modulus,
                                vector)
 from .records cimport KIND_CORNER, KIND_FREE, KIND_OCCLUSION, Segments
-from .surfaces cimport Surfaces
+from .surfaces cimport DEPTH_MARGIN, Surfaces
 
 cdef double TINY = tolerance.TINY, SAME = tolerance.SAME, SIGMAS = tolerance.SIGMAS
 
@@ -78,7 +78,7 @@ cdef Segments extract_segments(const Surfaces *surfaces, const double *noise, pa
         count = place_ends(surfaces, parameters.min_points, parameters.min_length, pieces, count)
         count = keep_longest(pieces, count, parameters.max_segments)
         find_corners(surfaces, pieces, count)
-        return make_segments(surfaces, noise, parameters.depth_margin, pieces, count)
+        return make_segments(surfaces, noise, pieces, count)
     finally:
         free(pieces)
 
@@ -250,8 +250,7 @@ cdef void find_corners(const Surfaces *surfaces, Piece *pieces, Py_ssize_t count
             pieces[k].end = pieces[k + 1].start = pieces[k].meeting
 
 
-cdef Segments make_segments(const Surfaces *surfaces, const double *noise, double depth_margin, Piece *pieces,
-                            Py_ssize_t count):
+cdef Segments make_segments(const Surfaces *surfaces, const double *noise, Piece *pieces, Py_ssize_t count):
     """Return the `Segments` of the pieces; an end beside free space is free."""
     places, numbers, integers = np.empty((2, count, 2)), np.empty((4, count)), np.empty((2, count, 2), np.intp)
     cdef double[:, ::1] start = places[0], end = places[1], number = numbers
@@ -265,9 +264,9 @@ cdef Segments make_segments(const Surfaces *surfaces, const double *noise, doubl
         end[k, 0], end[k, 1] = pieces[k].end.real, pieces[k].end.imag
         beam[k, 0], beam[k, 1] = surfaces.beam[first], surfaces.beam[last]
         kind[k, 0] = kind[k, 1] = KIND_OCCLUSION
-        if first and radius[first - 1] > radius[first] + (depth_margin + SIGMAS * noise[first]):
+        if first and radius[first - 1] > radius[first] + (DEPTH_MARGIN + SIGMAS * noise[first]):
             kind[k, 0] = KIND_FREE
-        if last + 1 < surfaces.size and radius[last + 1] > radius[last] + (depth_margin + SIGMAS * noise[last]):
+        if last + 1 < surfaces.size and radius[last + 1] > radius[last] + (DEPTH_MARGIN + SIGMAS * noise[last]):
             kind[k, 1] = KIND_FREE
         if k and pieces[k - 1].joined:
             kind[k, 0] = KIND_CORNER

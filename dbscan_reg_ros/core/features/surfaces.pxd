@@ -2,6 +2,10 @@
 # cython: language_level=3
 from ..geometry.plane cimport Moments
 
+# Difference of two ranges [m], beyond the noise, from which a surface ends in front of another one: more than the depth
+# of a door frame.
+cdef double DEPTH_MARGIN
+
 
 cdef struct BreakLimits:
     # Distance beyond which two neighbouring beams are apart: per range, and by noise [m]; widest gap [beams].

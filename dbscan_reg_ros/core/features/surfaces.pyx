@@ -7,11 +7,14 @@ from libc.math cimport fabs
 
 from ..geometry.plane cimport Line, Moments, difference, distance, fit_line, length_of, modulus
 
+DEPTH_MARGIN = 0.15
 # Minimum number of points in the window of a point for it to have a normal.
 cdef double MIN_NEIGHBOURS = 3.0
 # Distance [m] on each side of a point, along its surface, within which neighbours are used to fit its normal: less than
 # the depth of a door frame. At least so many beams are used on each side: fewer give no normal at large ranges.
 NORMAL_REACH, NORMAL_BEAMS = 0.1, 2
+# Least reach as a multiple of the noise of a range: below it the noise turns normals towards the sensor.
+NORMAL_NOISE = 4.0
 # A point gets no normal if the neighbours' squared extents across and along the fitted line exceed this ratio.
 cdef double MAX_RESIDUAL = 0.25
 
@@ -119,7 +122,7 @@ def estimate_normals(const double complex[::1] points, const unsigned char[::1] 
 
     Normals face the sensor; their side follows from the order of the beams. A point with fewer than three neighbours on
     its surface, or whose neighbours lie on no line, gets no normal. The window of a point spans `NORMAL_REACH`, or
-    `normal_noise` times the noise where that is more, and at least `NORMAL_BEAMS` on each side: noise acts along the
+    `NORMAL_NOISE` times the noise where that is more, and at least `NORMAL_BEAMS` on each side: noise acts along the
     beams and tilts lines through points that lie close together.
 
     Parameters
@@ -158,7 +161,7 @@ def estimate_normals(const double complex[::1] points, const unsigned char[::1] 
 
 cdef NormalLimits normal_limits(double increment, parameters) except *:
     """Return the limits of the windows of normals."""
-    return NormalLimits(NORMAL_REACH, parameters.normal_noise, increment, NORMAL_BEAMS)
+    return NormalLimits(NORMAL_REACH, NORMAL_NOISE, increment, NORMAL_BEAMS)
 
 
 cdef void fit_normals(const Surfaces *surfaces, const double *noise, NormalLimits *limits,

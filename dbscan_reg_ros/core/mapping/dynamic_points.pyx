@@ -4,6 +4,7 @@
 import numpy as np
 
 from ..geometry import tolerance
+from ..parameters.registration import SCORE_SCALE
 from .lookup import confirm
 
 from libc.math cimport INFINITY, cos, sin, sqrt
@@ -16,6 +17,11 @@ from .lookup cimport Slot, Slots
 cdef double TINY = tolerance.TINY
 # A movable object is one observation: its points share its motion, and weigh together at most as this many static ones.
 cdef double OBJECT_WEIGHT = 0.5
+# Weight of a point of a movable object until it is confirmed as static.
+cdef double MOVABLE_WEIGHT = 0.03
+# A movable object is static if a key frame from at least this far away [m] contains it: one that moves with the sensor
+# is elsewhere.
+cdef double STATIC_BASELINE = 0.5
 # If more than this fraction of a group of neighbouring points lie in free space, all its points are dynamic.
 cdef double MIN_RUN_RATIO = 0.3
 # If at least this fraction of the static points of a scan would be dynamic, only points in free space are.
@@ -53,9 +59,8 @@ def without_dynamic_points(features, pose, window, parameters, sensor=''):
     if not len(movable):
         return features
     points = features.oriented_points.select(movable)
-    confirmed = confirm(window, pose, points, p.static_baseline, parameters.refinement.score_scale,
-                        parameters.density)
-    return features.downweighted(movable, np.maximum(confirmed, np.minimum(p.movable_weight, OBJECT_WEIGHT / sizes)))
+    confirmed = confirm(window, pose, points, STATIC_BASELINE, SCORE_SCALE, parameters.density)
+    return features.downweighted(movable, np.maximum(confirmed, np.minimum(MOVABLE_WEIGHT, OBJECT_WEIGHT / sizes)))
 
 
 def _remove_dynamic(features, pose, window, parameters):

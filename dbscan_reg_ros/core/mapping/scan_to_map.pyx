@@ -6,6 +6,7 @@ import numpy as np
 from ..features.oriented_points import sample
 from ..geometry import tolerance
 from ..geometry.se2 import turned
+from ..parameters.registration import MIN_CROSSING_SINE, SCORE_SCALE
 from ..registration.uncertainty import degenerate_rotation, degenerate_translation, match_covariance, shared_information
 from .correspondences import align, weighted_by_agreement
 from .records import PosePrior
@@ -213,7 +214,7 @@ def alignment_uncertainty(features, pose, Correspondences found, initial, p):
     cdef double[:, ::1] table
     start = found.pose
     cdef double[3] step = [pose.x - start.x, pose.y - start.y, wrap(pose.theta - start.theta)]
-    found.weigh(step, p.refinement.score_scale)
+    found.weigh(step, SCORE_SCALE)
     table = residuals(found, features.oriented_points, step, pose.theta, features.scattered)
     return match_covariance(table, features.noise, p.decision, pose.theta, initial.direction is not None,
                             initial.rotation_unobservable)
@@ -226,7 +227,7 @@ def expected_observability(window, key_frame, features, pose, p):
     cdef double[3] step = [0.0, 0.0, 0.0]
     points = features.sampled_points
     found = ScanLookup(window.slots, points, p.density).in_frame(window.frames.index(key_frame), pose)
-    found.weigh(step, p.refinement.score_scale)
+    found.weigh(step, SCORE_SCALE)
     table = residuals(found, points, step, pose.theta, features.scattered)
     return match_covariance(table, features.noise, p.decision, pose.theta)[1]
 
@@ -237,7 +238,7 @@ def information_along(features, pose, double angle, p):
     That of points whose normal is nearly perpendicular to this direction is zero, and that of scattered surfaces.
     """
     cdef OrientedPoints points = features.oriented_points
-    cdef double turn = pose.theta - angle, least = p.translation.min_crossing_sine, total = 0.0
+    cdef double turn = pose.theta - angle, least = MIN_CROSSING_SINE, total = 0.0
     cdef double c = cos(turn), s = sin(turn)
     cdef Py_ssize_t k
     if features.scattered:
@@ -264,7 +265,7 @@ def sees_new_surface(features, pose, Correspondences found, double angle, p):
     """
     cdef OrientedPoints points = features.oriented_points
     cdef double[::1] known = np.zeros(points.size)
-    cdef double turn = pose.theta - angle, least = p.translation.min_crossing_sine, one, total = 0.0, new = 0.0
+    cdef double turn = pose.theta - angle, least = MIN_CROSSING_SINE, one, total = 0.0, new = 0.0
     cdef double c = cos(turn), s = sin(turn)
     cdef double[3] step = [pose.x - found.pose.x, pose.y - found.pose.y, wrap(pose.theta - found.pose.theta)]
     cdef Py_ssize_t k

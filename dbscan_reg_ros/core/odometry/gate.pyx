@@ -11,7 +11,7 @@ from ..geometry.symmetric_matrix import IDENTITY, inverse, mahalanobis
 from ..geometry.tolerance import SIGMAS, TINY
 from ..registration.confidence.model import LIKELY
 from ..registration.records import Status
-from ..registration.status import demoted_if_weak, observability_ratio
+from ..registration.status import WEAK_PRIOR_SIGMA, demoted_if_weak, observability_ratio
 from ..sensor import FIRST
 from .models.covariance import unknown_motion_covariance
 from .state import Mode
@@ -66,7 +66,7 @@ cdef class Gate:
         self._found = found and sensor.pose_at(found)
         self._unconfirmed = unconfirmed and sensor.pose_at(unconfirmed)
         best, motion, p = predictions.best, predictions.motion, parameters
-        self.weak_prior = (best.prior.translation_sigma > p.decision.weak_prior_sigma
+        self.weak_prior = (best.prior.translation_sigma > WEAK_PRIOR_SIGMA
                             or p.prior.gate * best.prior.rotation_sigma > RIGHT_ANGLE)
         interval = predictions.interval
         self._time_since_found = tracking.lost_time + max(interval.length, interval.elapsed)

@@ -97,11 +97,3 @@ class SegmentParameters(ParameterGroup):
         100, bounds=(2, 1000), case='courses trees, chairs',
         help='Largest number of segments of a scan; the longest ones are kept. Larger values give more hypotheses and '
              'take longer; smaller values are faster.')
-    depth_margin: float = parameter(
-        0.15, unit='m', bounds=(0.0, 10.0), case='sensor with returns between two surfaces',
-        help='The end of a surface is a free end if the range of the next return is larger by at least this. Larger '
-             'values find fewer free ends and small objects; smaller values take noise for free ends.')
-    normal_noise: float = parameter(
-        4.0, bounds=(0.0, 100.0), case='course narrow',
-        help='Lower limit, as a multiple of the range noise, of the distance within which neighbours are used. Larger '
-             'values give smoother normals for noisy sensors; 0 always uses 0.1 m.')

@@ -30,10 +30,6 @@ class PriorParameters(ParameterGroup):
         4.0, unit='rad/s^2', bounds=(0.0, 1000.0),
         help='Standard deviation of the angular acceleration in the constant-velocity model. Larger values widen the '
              'gate for robots that rotate abruptly; smaller values tighten it.')
-    stamp_jitter: float = parameter(
-        0.3, bounds=(0.0, 10.0), case='sensor whose stamps jitter',
-        help='Standard deviation of the predicted motion as a fraction of the motion itself, to allow for stamps that '
-             'jitter. Larger values widen the gate for fast motions; smaller values suit sensors with exact stamps.')
     min_sigma: float = parameter(
         0.01, unit='m', bounds=(0.0001, 10.0), case='robot that sways at rest',
         help='Lower limit of the standard deviation of the predicted translation, and [rad] of the predicted '
@@ -86,20 +82,11 @@ class OdometryParameters(ParameterGroup):
         help='An object smaller than this is treated as movable, such as a person or a vehicle, if the ranges on both '
              'sides of it are larger, or if the scan ends there. Larger values reduce the weight of more objects; 0 '
              'treats no object as movable.')
-    movable_weight: float = parameter(
-        0.03, bounds=(0.0, 1.0), case='symptom: jumps of the pose while people walk by',
-        help='Weight of a point of a movable object until it is confirmed as static. Larger values let people disturb '
-             'the pose more; smaller values lose information in rooms with small objects.')
     movable_information_ratio: float = parameter(
         0.33, bounds=(0.0, 1.0), case='courses chairs, trees',
         help='Movable objects keep full weight where they provide less than this fraction of the translational '
              'information in every direction. Larger values reduce their weight less often; smaller values do so more '
              'often.')
-    static_baseline: float = parameter(
-        0.5, unit='m', bounds=(0.0, 100.0), case='symptom: jumps of the pose while people walk by',
-        help='A movable object is confirmed as static if a key frame from at least this far away contains it at the '
-             'same place. Larger values confirm objects later; smaller values may confirm an object that moves with '
-             'the sensor.')
     pole_size: float = parameter(
         0.3, unit='m', bounds=(0.0, 10.0), case='courses chairs, trees',
         help='An object smaller than this is used as a round pole if its points have no normals, and if the ranges on '

@@ -14,6 +14,15 @@ POLISH_SPREAD = 1.6
 COARSE_SCALE, FINE_SCALE, FINAL_SCALE = 0.25, 0.1, 0.03
 """Kernel scale [m] of the first coarse, of the last coarse and first fine, and of the last fine and first polishing
 iteration: from the error of a hypothesis of two lines to several times the noise of a lidar."""
+SCORE_SCALE = 0.05
+"""Kernel scale [m] of the score, of the covariance, and of the last pass of the search along a degenerate direction:
+the errors of points on the right surfaces, with the noise of most lidars."""
+MIN_CROSSING_SINE = 0.35
+"""Least sine of the angle between two lines that determine a translation (eps2 of Eq. 13), and between a wall and the
+degenerate direction along which it is a landmark: the error of a line is magnified by at most three."""
+SEARCH_DISTANCE = 1.0
+"""Distance [m] that is searched to either side of a hypothesis along a degenerate direction: about half of that between
+two doors, beyond which the next one fits as well."""
 MAP_ITERATIONS = 4
 """Number of iterations that align a scan with the key-frame window; the motions of further ones are below the noise."""
 MAX_COUNT = 10000
@@ -46,11 +55,6 @@ class RotationParameters(ParameterGroup):
 class TranslationParameters(ParameterGroup):
     """Clustering of the translations that pairs of matched lines give (Eq. 10-15)."""
 
-    min_crossing_sine: float = parameter(
-        0.35, bounds=(0.0001, 1.0), case='building with oblique walls',
-        help='Least sine of the angle between two lines that determine a translation (eps2 of Eq. 13). The search '
-             'along a degenerate direction uses only walls whose angle to that direction has at least this sine. '
-             'Larger values use fewer and better conditioned lines; smaller values use more lines.')
     end_weight: float = parameter(
         1.0, bounds=(0.0, 100.0), case='courses sparse, bursts',
         help='Weight of matched end points relative to pairs of lines. Larger values give corners and free ends more '
@@ -172,11 +176,6 @@ class RefinementParameters(ParameterGroup):
         help='Kernel scale of the last iteration against the key-frame window, and standard deviation of a point '
              'relative to the prediction. If the range noise is larger, it is used instead. Larger values use more '
              'points and give the prediction more weight; smaller values resist outliers more.')
-    score_scale: float = parameter(
-        0.05, unit='m', bounds=(0.001, 10.0), case='sensor with noisy ranges',
-        help='Kernel scale of the score, of the covariance and of the last pass of the search along a degenerate '
-             'direction. Larger values give higher scores to inexact matches; smaller values require a closer fit and '
-             'search in finer steps.')
     damping: float = parameter(
         0.003, bounds=(1e-6, 1.0), case='symptom: the pose drifts along corridors',
         help='Damping of an iteration as a fraction of the translational information. Larger values move less along '
@@ -214,11 +213,6 @@ class DegeneracyParameters(ParameterGroup):
         help='A direction is degenerate, and searched, when the information along it is below this fraction of the '
              'information perpendicular to it. Larger values search more often and take longer; smaller values search '
              'only in bare corridors.')
-    search_distance: float = parameter(
-        1.0, unit='m', bounds=(0.0, 100.0), case='building with repeated structure',
-        help='Distance that is searched to either side of a hypothesis along a degenerate direction. Larger values '
-             'correct larger errors, may find a repeated structure instead, and take longer; smaller values stay near '
-             'the hypothesis.')
     parallel_tolerance: float = parameter(
         0.25, bounds=(0.0, 1.0), case='courses featureless, lidars',
         help='In the odometry, walls whose normals have a smaller component than this along the least constrained '
@@ -244,15 +238,10 @@ class DecisionParameters(ParameterGroup):
         1.5, bounds=(0.01, 100000.0), case='symptom: `degenerate` is reported too often or too late',
         help='The status is DEGENERATE when fewer effective points than this constrain some direction or the rotation. '
              'Larger values report DEGENERATE more often; smaller values report it less often.')
-    weak_prior_sigma: float = parameter(
-        0.5, unit='m', bounds=(0.0, 1000.0), case='course aces',
-        help='In the odometry, a predicted translation with a larger standard deviation than this is a weak prior. '
-             'The status OK then requires advanced.decision.weak_prior_information. Larger values trust weak '
-             'predictions more; smaller values require more points more often.')
     weak_prior_information: float = parameter(
         10.0, bounds=(0.0, 100000.0), case='courses aces, sparse',
         help='Number of effective points that must constrain every direction for the status OK after a weak '
-             'prior (advanced.decision.weak_prior_sigma). Larger values report OK less often in corridors; smaller '
+             'prior. Larger values report OK less often in corridors; smaller '
              'values report it more often.')
     parallel_tolerance: float = parameter(
         0.15, bounds=(0.0, 1.0), case='courses leader, lidars',

@@ -273,7 +273,10 @@ _FIXED: dict[str, object] = {
     'refinement.coarse_scale': 0.25, 'refinement.fine_scale': 0.1, 'refinement.final_scale': 0.03,
     'refinement.map_iterations': 4, 'refinement.polish_spread': 1.6, 'degeneracy.min_points': 2,
     'decision.rival_distance': 0.2, 'decision.rival_angle': 0.09, 'manhattan.wall_sigma': 0.012,
-    'manhattan.correlation_distance': 20.0, 'manhattan.direction_sigma': 0.035, 'manhattan.min_aligned_ratio': 0.5}
+    'manhattan.correlation_distance': 20.0, 'manhattan.direction_sigma': 0.035, 'manhattan.min_aligned_ratio': 0.5,
+    'segments.depth_margin': 0.15, 'segments.normal_noise': 4.0, 'translation.min_crossing_sine': 0.35,
+    'refinement.score_scale': 0.05, 'degeneracy.search_distance': 1.0, 'decision.weak_prior_sigma': 0.5,
+    'prior.stamp_jitter': 0.3, 'odometry.movable_weight': 0.03, 'odometry.static_baseline': 0.5}
 """Parameters of earlier versions, without `ADVANCED`, that no sensor, robot or building needs -> their fixed value."""
 _GONE = {'calibrate_mountings': 'mountings are not changed while driving; set the values that the diagnostics and '
                                 'calibrate give'}

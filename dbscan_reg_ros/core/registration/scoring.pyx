@@ -5,6 +5,7 @@ import numpy as np
 
 from ..features.oriented_points import sample
 from ..geometry import tolerance
+from ..parameters import registration as scales
 
 from libc.math cimport cos, fabs, sin
 
@@ -54,7 +55,7 @@ cdef class Comparison:
         self.own, self.share = current.sampled_points, current.leverage
         self.near = problem.reference.free_space.near
         self.min_cosine, self.damping = p.density.min_normal_cosine, p.refinement.damping
-        self.score_scale, self.tolerance = p.refinement.score_scale, VIOLATION_TOLERANCE
+        self.score_scale, self.tolerance = scales.SCORE_SCALE, VIOLATION_TOLERANCE
         self.against = p.density.violation_weight
         if self.share.shape[0] != self.own.size:
             raise IndexError('arrays of different lengths')
@@ -236,9 +237,9 @@ def search_degenerate_direction(candidates, angles, problem):
 
 cdef search_along(Comparison comparison, candidates, const double[::1] angles):
     """Shift each candidate ``(H, 3)`` along its angle [rad] to where the points that face it fit best."""
-    p, last = comparison.problem.parameters, comparison.score_scale
+    cdef double last = comparison.score_scale
     cdef OrientedPoints points = comparison.own
-    cdef double least = p.translation.min_crossing_sine, reach, step, scale
+    cdef double least = scales.MIN_CROSSING_SINE, reach, step, scale
     cdef Py_ssize_t h
     shifted = np.array(candidates)
     cdef double[:, ::1] poses = shifted
@@ -246,7 +247,7 @@ cdef search_along(Comparison comparison, candidates, const double[::1] angles):
     points = points.select(facing(points, poses, angles, least))
     if points.size < MIN_FACING:
         return shifted
-    for reach, step, scale in ((p.degeneracy.search_distance, 2.0 * last, 3.0 * last), (2.5 * last, 0.4 * last, last)):
+    for reach, step, scale in ((scales.SEARCH_DISTANCE, 2.0 * last, 3.0 * last), (2.5 * last, 0.4 * last, last)):
         value = np.empty(2 * <Py_ssize_t> (reach / step) + 1)
         for h in range(poses.shape[0]):
             with nogil:

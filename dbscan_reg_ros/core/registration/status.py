@@ -114,6 +114,10 @@ def demoted_if_poor(registration: Registration, parameters: DecisionParameters) 
     return dataclasses.replace(registration, status=Status.AMBIGUOUS, reason=reason)
 
 
+WEAK_PRIOR_SIGMA = 0.5
+"""Standard deviation [m] of a predicted translation above which it does not distinguish repeated structures."""
+
+
 def demoted_if_weak(registration: Registration, prior: Prior, parameters: DecisionParameters) -> Registration:
     """Return the registration, ``DEGENERATE`` instead of ``OK`` where few points constrain it after a weak prior.
 
@@ -122,7 +126,7 @@ def demoted_if_weak(registration: Registration, prior: Prior, parameters: Decisi
     weak, sigma = registration.weakest_information, prior.translation_sigma
     if registration.status is not Status.OK or weak is None or weak >= parameters.weak_prior_information:
         return registration
-    if sigma <= parameters.weak_prior_sigma:
+    if sigma <= WEAK_PRIOR_SIGMA:
         return registration
     reason = (f'{few_points_reason(weak, parameters.weak_prior_information)}, as the predicted translation has a '
               f'standard deviation of {sigma:.2f} m')

@@ -9,6 +9,7 @@ import pytest
 from rooms import DEGREE, FULL, L_ROOM, look, outline
 
 from dbscan_reg_ros import Parameters, Scan, ScanGeometry
+from dbscan_reg_ros.core.features import surfaces
 from dbscan_reg_ros.core.features.extraction import extract_features, extract_from_returns
 from dbscan_reg_ros.core.features.noise import estimate_noise
 from dbscan_reg_ros.core.features.poles import with_poles
@@ -32,15 +33,16 @@ def test_normals_are_those_of_the_walls_and_face_the_sensor(sign):
 
 
 @pytest.mark.parametrize(('reach', 'biased'), [(4.0, False), (0.0, True)])
-def test_normals_reach_as_far_as_the_noise_asks(reach, biased):
+def test_normals_reach_as_far_as_the_noise_asks(reach, biased, monkeypatch):
     """Noise lies along the beams.
 
     Fitted to little more than the noise, the normals of a wall turn towards the sensor.
     """
     walls = np.array([[(-60.0, -1.1), (60.0, -1.1)], [(60.0, 1.1), (-60.0, 1.1)]])
-    parameters, turned = PLAIN.replace({'advanced.segments.normal_noise': reach}), []
+    monkeypatch.setattr(surfaces, 'NORMAL_NOISE', reach)
+    turned = []
     for seed in range(20):
-        found = extract_features(look(walls, geometry=FULL, noise=0.05, seed=seed), parameters)
+        found = extract_features(look(walls, geometry=FULL, noise=0.05, seed=seed), PLAIN)
         bearing = np.arctan2(found.points[:, 1], found.points[:, 0])
         aside = found.normals.any(axis=1) & (np.radians(30.0) < bearing) & (bearing < np.radians(60.0))
         turned.append(np.arctan2(found.normals[aside, 0], -found.normals[aside, 1]))

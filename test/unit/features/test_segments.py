@@ -148,11 +148,11 @@ def test_ends_before_a_background_are_free_and_hidden_ends_are_not():
     np.testing.assert_allclose(found.midpoint[1], (2.0, 0.0), atol=2.0 * 2.0 * DEGREE)
 
 
-@pytest.mark.parametrize('depth, kind', [(0.13, EndKind.OCCLUSION), (0.17, EndKind.FREE)])
+@pytest.mark.parametrize('depth, kind', [(0.16, EndKind.OCCLUSION), (0.2, EndKind.FREE)])
 def test_a_wall_ends_where_what_is_behind_lies_deeper_than_the_margin_and_the_noise(depth, kind):
-    """A margin of 0.12 m and three times a noise of 0.01 m."""
+    """A margin of 0.15 m and three times a noise of 0.01 m."""
     walls = np.array([[(2.0, -0.5), (2.0, 0.5)], [(2.0 + depth, -5.0), (2.0 + depth, 5.0)]])
-    parameters = PLAIN.replace({'scan.noise_min': 0.01, 'scan.noise_max': 0.01, 'advanced.segments.depth_margin': 0.12,
+    parameters = PLAIN.replace({'scan.noise_min': 0.01, 'scan.noise_max': 0.01,
                                 'advanced.segments.breakpoint_noise': 0.0, 'advanced.segments.breakpoint_factor': 2.0})
     found = segments_of(walls, parameters, geometry=HALF)
     front = np.flatnonzero(np.abs(found.midpoint[:, 0] - 2.0) < 0.01)

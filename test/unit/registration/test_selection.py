@@ -9,6 +9,7 @@ from scipy.spatial.distance import mahalanobis
 
 from dbscan_reg_ros import SE2, Parameters, Prior
 from dbscan_reg_ros.core.features.extraction import extract_features
+from dbscan_reg_ros.core.parameters.registration import SCORE_SCALE
 from dbscan_reg_ros.core.registration.hypotheses import Candidates
 from dbscan_reg_ros.core.registration.ranking import rank_by_density
 from dbscan_reg_ros.core.registration.scoring import (
@@ -127,7 +128,7 @@ def test_the_end_of_a_corridor_is_found_along_it(off):
     away = SE2(truth.x + off * math.cos(axis), truth.y + off * math.sin(axis), truth.theta)
     found = search_degenerate_direction(rows(away, truth), np.array([axis, axis + math.pi]),
                                         Problem(reference, current, ALIKE))
-    assert np.abs(found - truth.as_array()).max() <= 0.2 * ALIKE.refinement.score_scale + 0.005
+    assert np.abs(found - truth.as_array()).max() <= 0.2 * SCORE_SCALE + 0.005
 
 
 def test_without_points_that_face_along_it_a_degenerate_direction_is_not_searched():

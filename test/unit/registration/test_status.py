@@ -63,7 +63,7 @@ def test_few_points_are_degenerate_with_a_weak_prior(status, weakest, spread, ex
     registration = Registration(SE2(), np.eye(3), status, weakest_information=weakest)
     for covariance in (np.diag([spread, 0.1, 0.1]) ** 2, np.diag([0.1, spread, 0.1]) ** 2):
         found = demoted_if_weak(registration, Prior(SE2(), covariance),
-                                DecisionParameters(weak_prior_sigma=0.5, weak_prior_information=10.0))
+                                DecisionParameters(weak_prior_information=10.0))
         assert found.status is expected
         if expected is not status:
             assert found.reason == ('the translation along one direction is constrained by 9.90 points, expected at '

@@ -59,13 +59,12 @@ def test_the_motion_is_among_the_heaviest_hypotheses_for_a_scanned_room(seed):
     assert (np.maximum(off[:, 0], off[:, 1]) + off[:, 2]).min() < 0.05
 
 
-def test_pairs_that_hardly_cross_give_no_sample():
+def test_pairs_that_hardly_cross_give_no_sample(monkeypatch):
     """eps2 as the sine of the angle between them."""
     reference = walls(((0.0, 2.0), (3.0, 2.0)), ((0.0, -2.0), (3.0 * math.cos(0.3), -2.0 + 3.0 * math.sin(0.3))))
     for crossing, count in ((math.sin(0.3) + 1e-6, 0), (math.sin(0.3) - 1e-6, 1)):
-        parameters = TranslationParameters(min_crossing_sine=crossing, end_weight=0.0,
-                                           max_width=0.0)
-        found = translations(reference, reference, parameters, eps=0.05)
+        monkeypatch.setattr(translation, 'MIN_CROSSING_SINE', crossing)
+        found = translations(reference, reference, TranslationParameters(end_weight=0.0, max_width=0.0), eps=0.05)
         assert len(found.samples) == count
 
 
@@ -115,7 +114,7 @@ def test_lines_that_a_rotation_makes_parallel_weigh_by_how_well_it_does(monkeypa
     for most, expected in ((100, [6.0, 4.0 * math.exp(-0.5), 2.0 * math.exp(-0.5), 1.0, 3.0 * math.exp(-1.125)]),
                            (2, [6.0, 4.0 * math.exp(-0.5)])):
         monkeypatch.setattr(translation, 'MAX_PAIRS', most)
-        found = estimate_translations(here, there, rotations, weights, TranslationParameters(
-            end_weight=1.0, min_crossing_sine=1.0))
+        monkeypatch.setattr(translation, 'MIN_CROSSING_SINE', 1.0)
+        found = estimate_translations(here, there, rotations, weights, TranslationParameters(end_weight=1.0))
         assert not found.rotation.any()
         assert found.sample_weight == pytest.approx([*expected, *expected])

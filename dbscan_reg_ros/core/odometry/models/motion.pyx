@@ -9,6 +9,7 @@ cimport cython
 from libc.math cimport M_PI, cos, sin
 
 from ...geometry.symmetric_matrix import diagonal
+from ...parameters.registration import SEARCH_DISTANCE
 from ...registration.records import Prior
 from .covariance import displacement_covariance, displacement_sigma, motion_without_scans, unknown_motion_covariance
 
@@ -19,6 +20,8 @@ from .twist cimport Twist, integrated, limited, twist_variance
 cdef:
     double SAME_INTERVAL = 1.5
     # Two intervals whose ratio is below this differ by jitter of the stamps only.
+    double STAMP_JITTER = 0.3
+    # Standard deviation of the predicted motion as a fraction of it, as the stamps of most drivers jitter.
     double RANDOM_WALK_GAIN = 1.5
     # For a random walk, the velocity at the end of an interval has changed by this much more than its mean over it.
 
@@ -163,8 +166,8 @@ cdef class ConstantVelocityModel:
             increment = integrated(self._mean_twist(), length)
         max_sigma = M_PI / <double> p.gate  # Corridors look alike after 180 deg.
         change, turn = p.acceleration * square, min(<double> p.angular_acceleration * square, max_sigma)
-        sigma = math.hypot(p.min_sigma, change, p.stamp_jitter * math.hypot(increment.x, increment.y))
-        turn_sigma = min(<double> math.hypot(p.min_sigma, turn, p.stamp_jitter * increment.theta), max_sigma)
+        sigma = math.hypot(p.min_sigma, change, STAMP_JITTER * math.hypot(increment.x, increment.y))
+        turn_sigma = min(<double> math.hypot(p.min_sigma, turn, STAMP_JITTER * increment.theta), max_sigma)
         return Prior(increment, diagonal(sigma * sigma, sigma * sigma, turn_sigma * turn_sigma),
                      diagonal(change * change, change * change, turn * turn))
 
@@ -180,7 +183,7 @@ cdef class ConstantVelocityModel:
         lost_time : float [s]
             Time since scans could not be registered any more: the covariance grows with it in every direction. Along a
             degenerate direction the standard deviation grows with `unconstrained_time`, by at most
-            `degeneracy.search_distance`.
+            `SEARCH_DISTANCE`.
         parameters : Parameters
 
         Returns
@@ -197,7 +200,7 @@ cdef class ConstantVelocityModel:
         if self._degenerate_direction is not None:
             angle = self._degenerate_direction - predicted.theta
             distance = min(displacement_sigma(self.unconstrained_time, parameters)[0],
-                           parameters.degeneracy.search_distance)
+                           SEARCH_DISTANCE)
             along = np.array((cos(angle), sin(angle), 0.0))
             covariance = covariance + distance * distance * along[:, None] * along
         return covariance

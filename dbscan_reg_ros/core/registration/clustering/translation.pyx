@@ -4,6 +4,7 @@
 import numpy as np
 
 from ...features.records import EndKind
+from ...parameters.registration import MIN_CROSSING_SINE
 from ..hypotheses import Translations
 
 from libc.math cimport M_PI, cos, fabs, sin
@@ -168,7 +169,7 @@ cdef TranslationClusters cluster_lines(SegmentViews reference, SegmentViews curr
     cdef double[::1] weight = np.empty(most)
     cdef double complex[::1] translation = np.empty(most, complex)
     cdef Py_ssize_t[::1] group = np.empty(most, np.intp)
-    count = add_line_samples(lines, parameters.min_crossing_sine, translation, weight, group)
+    count = add_line_samples(lines, MIN_CROSSING_SINE, translation, weight, group)
     count = add_end_samples(reference, current, phi, lines, parameters.end_weight, count, translation, weight, group)
     found.lines = lines
     found.samples, found.sample_weight, found.rotation = translation[:count], weight[:count], group[:count]

@@ -7,6 +7,7 @@ import numpy as np
 
 from ...features.oriented_points import spacing
 from ...geometry.se2 import SE2
+from ...parameters.registration import SCORE_SCALE
 from ..fit import polish
 from ..hypotheses import Assessment
 from ..records import Evidence, Hypothesis
@@ -40,7 +41,7 @@ cdef class Judge:
         reference, current, p = problem.reference, problem.current, problem.parameters
         self.problem, self.reference, self.current = problem, Scene(reference), Scene(current)
         self.lines, self.limits = lines_of(reference.likelihood_field), limits_of(p.decision)
-        self.noise, self.scale = max(reference.noise, current.noise), p.refinement.score_scale
+        self.noise, self.scale = max(reference.noise, current.noise), SCORE_SCALE
         self.tolerance, self.min_cosine = VIOLATION_TOLERANCE, p.density.min_normal_cosine
         self.scattered = current.scattered
 
