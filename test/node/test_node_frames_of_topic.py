@@ -7,11 +7,8 @@ import re
 import numpy as np
 import pytest
 import rclpy  # noqa: F401 - needs ROS
-from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Odometry
-from ros_helpers import LATCHED, Loudspeaker, diagnosis, pose_of, said, transform
+from ros_helpers import LATCHED, Loudspeaker, pose_of, said, transform
 from sensor_msgs.msg import LaserScan
 from two_lidars import FRONT, REAR, drive_of_two_lidars
 
@@ -23,7 +20,6 @@ MOUNTINGS = {'front': FRONT, 'rear': REAR}
 ANOTHER = '/scan:rear: another lidar on this topic: each frame is a lidar of its own (front, rear)'
 MS = 1_000_000
 MERGED = {'front': '/scan', 'rear': '/scan'}
-SPLIT = {'front': '/front/scan', 'rear': '/rear/scan'}
 
 
 @pytest.fixture(scope='module')
@@ -106,33 +102,3 @@ def test_frames_beyond_the_limit_and_empty_ones_are_those_of_the_first_lidar(sta
     lidars.play([dataclasses.replace(fronts[10], frame_id='')], None)
     said(node, "no transform from 'base_link' to ''", peer)
     assert node.output().count('another lidar on this topic') == 7
-
-
-def change(peer, *transitions):
-    """Make the transitions, each asked for once."""
-    client = peer.node.create_client(ChangeState, '/scan_matcher/change_state')
-    peer.until(client.service_is_ready)
-    peer.call(GetState, '/scan_matcher/get_state', GetState.Request())
-    for transition in transitions:
-        future = client.call_async(ChangeState.Request(transition=Transition(id=transition)))
-        peer.until(future.done)
-        assert future.result().success
-
-
-def test_both_lidars_are_used_after_a_deactivation(start_command, peer, drive, tf_type):
-    scans, _ = drive
-    node = start_command('scan_matcher_lifecycle')
-    change(peer, Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
-    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(transforms(tf_type))
-    lidars, statuses = Lidars(peer, MERGED), peer.listen(DiagnosticArray, '/diagnostics')
-    lidars.play(scans[:20])
-    publisher = lidars.publishers['front'].publisher
-    change(peer, Transition.TRANSITION_DEACTIVATE)
-    peer.until(lambda: not publisher.get_subscription_count())
-    change(peer, Transition.TRANSITION_ACTIVATE)
-    peer.until(publisher.get_subscription_count)
-    said(node, 'ready: /scan:front, /scan:rear -> /odom', peer)
-    lidars.play(scans[20:40])
-    diagnosis(peer, statuses, lambda status: any(value.key == '/scan:rear: scans received' and int(value.value) == sum(
-        scan.frame_id == 'rear' for scan in scans[20:40]) for value in status.values))
-    assert node.output().count('another lidar on this topic') == 1

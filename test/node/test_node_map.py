@@ -221,14 +221,6 @@ def test_a_map_can_be_given_later_and_its_lack_is_named(start_command, player, p
     said(node, 'map of 40 x 20 cells of 0.1 m: searching', peer)
 
 
-def test_a_map_that_cannot_be_read_ends_the_node_with_one_line(start_command, tmp_path):
-    (tmp_path / 'broken.npz').write_bytes(b'PK')
-    node = start_command('scan_matcher', '--ros-args', '-p', 'map.mode:=localize', '-p',
-                         f'map.file:={tmp_path / "broken.npz"}')
-    assert node.wait(TIMEOUT) == 2
-    assert node.output().strip().splitlines()[-1].startswith('scan_matcher: map.file = ')
-
-
 def test_without_a_map_nothing_of_it_is_imported(ros_environment):
     program = ("import sys, rclpy; from rclpy.node import Node; rclpy.init(); "
                "from dbscan_reg_ros.node.interfaces.live_parameters import LiveParameters; "

@@ -26,13 +26,6 @@ def test_the_path_is_where_the_base_has_been(start_node, player, peer, scans, tr
     assert (np.hypot(*steps.T) >= 0.2).all()
 
 
-def test_the_path_forgets_its_oldest_poses(start_node, player, peer, scans):
-    start_node('-p', 'advanced.path.step:=0.0', '-p', 'advanced.path.size:=10')
-    path = shown(player, peer, scans[:40], Path, 'path')
-    assert len(path.poses) <= 11
-    assert in_nanoseconds(path.poses[0].header.stamp) == scans[30].stamp
-
-
 def points_of(message):
     assert [(f.name, f.offset, f.datatype, f.count) for f in message.fields] == [
         ('x', 0, PointField.FLOAT32, 1), ('y', 4, PointField.FLOAT32, 1), ('z', 8, PointField.FLOAT32, 1)]
@@ -88,11 +81,3 @@ def test_the_grid_shows_walls_and_free_space_to_who_comes_late(start_node, playe
     around = np.stack([at(walls + 0.1 * np.array((dx, dy))) for dx in (-1, 0, 1) for dy in (-1, 0, 1)])
     assert (around.max(axis=0) == 100).mean() > 0.9
     assert (at(np.array([pose.as_array()[:2] for pose in truth[:60]])) == 0).all()
-
-
-def test_no_grid_is_published_by_default_and_nothing_on_the_topic_map(node, player, peer, scans):
-    player.wait_for_node(TIMEOUT)
-    peer.node.create_subscription(OccupancyGrid, '/map', print, 10)
-    assert player.play(scans[:10]).lost == 0
-    assert not peer.node.count_publishers('/map') and not peer.node.count_publishers('/local_grid')
-    assert peer.node.count_publishers('/odom')

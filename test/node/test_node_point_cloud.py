@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import rclpy  # noqa: F401 - needs ROS
-from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from ros_helpers import LATCHED, Loudspeaker, Peer, distances, said, transform
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
@@ -84,14 +83,3 @@ def test_only_messages_of_the_given_type_are_received(start_node, peer, scans):
         lidar.until(lambda: found, cloud_of(scans[5], tilted=False))
     assert {in_nanoseconds(message.header.stamp) for message in found} == {scans[5].stamp}
     assert 'subscribed to sensor_msgs' not in node.output()
-
-
-def test_points_in_millimetres_are_named(start_node, peer, scans):
-    node = start_node('-p', 'input.type:=sensor_msgs/PointCloud2', '-p', 'mounting:=none')
-    received = peer.listen(DiagnosticArray, '/diagnostics')
-    lidar = Loudspeaker(peer, PointCloud2, '/scan')
-    peer.greet()
-    lidar.tell(*(cloud_of(scan, tilted=False, factor=1000.0) for scan in scans[:3]))
-    said(node, 'the points look like millimetres', peer)
-    peer.until(lambda: any('the points look like millimetres' in s.message for m in received for s in m.status))
-    assert 'heights of its points' not in node.output()

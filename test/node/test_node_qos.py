@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The quality of service of the node's publishers and subscriptions, as parameters tell it, seen over DDS."""
-import pytest
 import rclpy  # noqa: F401 - needs ROS
 from lifecycle_msgs.msg import State, Transition
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from ros_helpers import TIMEOUT, Parameters, needs_tf2_msgs, said
+from ros_helpers import TIMEOUT, Parameters, said
 from test_node_lifecycle import change, state
-
-GYROSCOPE = '-p', 'prior.source:=imu'
 
 
 def overridden(name, **policies):
@@ -23,8 +20,8 @@ def quality(peer, topic, entity='publisher'):
     return found.qos_profile
 
 
-@pytest.mark.parametrize('topic', ['/odom', pytest.param('/tf', marks=needs_tf2_msgs)])
-def test_a_publisher_has_the_quality_of_service_that_is_asked_for(start_node, peer, topic):
+def test_a_publisher_has_the_quality_of_service_that_is_asked_for(start_node, peer):
+    topic = '/odom'
     start_node(*overridden(f'{topic}.publisher', reliability='best_effort', durability='transient_local', depth=7))
     found = quality(peer, topic)
     assert (found.reliability, found.durability) == (ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.TRANSIENT_LOCAL)
@@ -35,18 +32,11 @@ def test_a_publisher_has_the_quality_of_service_that_is_asked_for(start_node, pe
     assert {quality(peer, other).reliability for other in others} == {ReliabilityPolicy.RELIABLE}
 
 
-@pytest.mark.parametrize('topic, words, usual, other', [
-    ('/scan', (), 'best_effort', 'reliable'),
-    ('/imu', GYROSCOPE, 'best_effort', 'reliable'),
-    ('/set_pose', (), 'reliable', 'best_effort'),
-])
-def test_a_subscription_has_the_quality_of_service_that_is_asked_for(start_node, peer, topic, words, usual, other):
-    node = start_node(*words)
-    assert quality(peer, topic, 'subscription').reliability.name.lower() == usual
-    assert node.stop() == 0
-    peer.until(lambda: not peer.node.get_subscriptions_info_by_topic(topic))
-    start_node(*words, *overridden(f'{topic}.subscription', reliability=other))
-    assert quality(peer, topic, 'subscription').reliability.name.lower() == other
+def test_a_subscription_has_the_quality_of_service_that_is_asked_for(start_node, peer):
+    start_node('-p', 'prior.source:=odometry+imu', *overridden('/imu.subscription', reliability='reliable'))
+    assert quality(peer, '/wheel_odom', 'subscription').reliability == ReliabilityPolicy.BEST_EFFORT
+    assert quality(peer, '/set_pose', 'subscription').reliability == ReliabilityPolicy.RELIABLE
+    assert quality(peer, '/imu', 'subscription').reliability == ReliabilityPolicy.RELIABLE
 
 
 def test_the_name_of_the_parameter_is_that_of_the_remapped_topic_in_the_namespace(start_node, peer):
@@ -63,28 +53,6 @@ def test_who_comes_late_has_the_last_odometry_when_that_is_asked_for(start_node,
     peer.until(lambda: len(late) == 2)
     stamps = [m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec for m in late]
     assert stamps == [scan.stamp for scan in scans[3:5]]
-
-
-@pytest.mark.long
-@needs_tf2_msgs
-def test_the_quality_of_service_of_tf_outlives_a_withdrawal(start_node, peer):
-    start_node(*overridden('/tf.publisher', reliability='best_effort'))
-    assert quality(peer, '/tf').reliability == ReliabilityPolicy.BEST_EFFORT
-    assert Parameters(peer).set(publish_tf=False)[0].successful
-    peer.until(lambda: not peer.node.count_publishers('/tf'))
-    assert Parameters(peer).set(publish_tf=True)[0].successful
-    peer.until(lambda: peer.node.count_publishers('/tf'))
-    assert quality(peer, '/tf').reliability == ReliabilityPolicy.BEST_EFFORT
-
-
-@pytest.mark.parametrize('name, policy, value', [
-    ('/scan.subscription', 'reliability', 'nonsense'), ('/segments.publisher', 'depth', 0),
-])
-def test_a_quality_of_service_that_does_not_exist_ends_the_node_with_one_line(start_node, name, policy, value):
-    node = start_node(*overridden(name, **{policy: value}))
-    assert node.wait(TIMEOUT) == 2
-    [line] = node.output().strip().splitlines()
-    assert line.startswith(f'scan_matcher: qos_overrides.{name} = {{{policy!r}: {value!r}}}: expected reliability')
 
 
 def test_a_lifecycle_node_that_fails_to_configure_leaves_no_publisher(start_command, peer):

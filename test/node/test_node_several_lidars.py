@@ -3,7 +3,6 @@
 import dataclasses
 import math
 import re
-import signal
 from collections import deque
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 import rclpy  # noqa: F401 - needs ROS
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-from ros_helpers import LATCHED, Loudspeaker, Parameters, changed, diagnosis, pose_of, said, transform
+from ros_helpers import LATCHED, Loudspeaker, Parameters, diagnosis, pose_of, said, transform
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 from two_lidars import FRONT, REAR, drive_of_two_lidars
@@ -22,7 +21,7 @@ from dbscan_reg_ros.core.odometry.calibration.compared_lidar import ComparedLida
 from dbscan_reg_ros.core.odometry.calibration.relative_pose import Comparison, RelativePose
 from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.interfaces.lidar import Lidar, OdometryTrigger
-from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_to_message
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message
 from dbscan_reg_ros.node.monitoring.disagreements import Disagreements, OwnBodies
 from dbscan_reg_ros.recordings.snapshots import read_snapshot
 from dbscan_reg_ros.robot.own_body import BodySector
@@ -53,30 +52,6 @@ def test_odometry_is_due_for_the_first_lidar_that_publishes():
     of_all = OdometryTrigger(2, on_all=True)
     assert [of_all.is_due(lidar, stamp * MS) for lidar, stamp in ((0, 80), (1, 90), (0, 160), (1, 155), (1, 220))] == [
         True, True, True, False, True]
-
-
-def test_odometry_is_published_for_the_scans_of_all_lidars_if_asked_for(start_command, peer, drive, tf_type):
-    scans, base_at = drive
-    node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]', '-p',
-                         'odom_on:=all', '-p', 'advanced.input.queue_size:=50')
-    said(node, 'ready: /front/scan, /rear/scan -> /odom', peer)
-    lidars = {name: Loudspeaker(peer, LaserScan, f'/{name}/scan') for name in ('front', 'rear')}
-    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(
-        tf_type(transforms=[transform('base_link', 'front', FRONT), transform('base_link', 'rear', REAR)]))
-    found = peer.subscribe(Odometry, '/odom')
-    lidars['front'].until(lambda: found, scan_to_message(scans[0]))
-    for scan in scans[1:]:
-        count = len(found)
-        lidars[scan.frame_id].tell(scan_to_message(scan))
-        if scan.frame_id == 'front':
-            peer.until(lambda count=count: len(found) > count)
-    fronts, rears = ({scan.stamp for scan in scans if scan.frame_id == name} for name in ('front', 'rear'))
-    peer.until(lambda: fronts <= {in_nanoseconds(message.header.stamp) for message in found})
-    stamps = [in_nanoseconds(message.header.stamp) for message in found]
-    # The second lidar is used after some comparisons; its scans that come too late have no odometry.
-    assert stamps == sorted(set(stamps)) and rears & set(stamps)
-    end = base_at(stamps[0]).inverse() @ base_at(stamps[-1])
-    assert math.dist((found[-1].pose.pose.position.x, found[-1].pose.pose.position.y), (end.x, end.y)) < 0.05
 
 
 def test_two_lidars_give_one_odometry_and_either_may_be_missing(start_command, peer, drive, tf_type):
@@ -135,42 +110,6 @@ def test_two_lidars_give_one_odometry_and_either_may_be_missing(start_command, p
         assert math.hypot(pose.x - true.x, pose.y - true.y) < 0.03
 
 
-def test_what_is_reported_about_a_lidar_names_it(start_command, peer, drive, tf_type):
-    """The front lidar sends half of its beams, then the rear one; one sends faster than its scans are processed."""
-    scans, _ = drive
-    node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]')
-    said(node, 'ready: ', peer)
-    lidars = {name: Loudspeaker(peer, LaserScan, f'/{name}/scan') for name in ('front', 'rear')}
-    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(
-        transforms=[transform('base_link', name, at) for name, at in (('front', FRONT), ('rear', REAR))]))
-    found, statuses = peer.subscribe(Odometry, '/odom'), peer.listen(DiagnosticArray, '/diagnostics')
-
-    def reported(text):
-        """Wait until a report contains `text`; it may have come before the line of the log that was waited for."""
-        peer.until(lambda: any(text in status.message for message in statuses for status in message.status))
-
-    halves = {name: [changed(scan, beams=180) for scan in scans[20:] if scan.frame_id == name]
-              for name in lidars}
-    for scan in scans[:20]:
-        count = len(found)
-        lidars[scan.frame_id].tell(scan_to_message(scan))
-        if scan.frame_id == 'front':
-            peer.until(lambda count=count: len(found) > count)
-    for name, messages in halves.items():
-        for message in messages[:2]:
-            lidars[name].tell(message)
-        said(node, f'/{name}/scan: the scans change from 361 to 180 beams', peer)
-    for name in lidars:
-        reported(f'/{name}/scan: the scans change from 361 to 180 beams')
-    stamp = in_nanoseconds(halves['rear'][2].header.stamp)
-    for k, message in enumerate(halves['rear'][2:]):
-        message.header.stamp = stamp_to_message(stamp + 100_000 * k)
-        lidars['rear'].publisher.publish(message)
-    said(node, '/rear/scan: too slow: ', peer)
-    reported('/rear/scan: too slow: ')
-    assert '/front/scan: too slow' not in node.output()
-
-
 def loudspeakers(peer):
     return {name: Loudspeaker(peer, LaserScan, f'/{name}/scan') for name in ('front', 'rear')}
 
@@ -201,19 +140,6 @@ def only_the_rear_is_masked(peer, scans):
         assert len(sectors) > 5 and set(sectors) == {masked}
 
 
-def test_each_lidar_has_its_own_mask_and_time_offset(start_command, peer, drive, tf_type, tmp_path):
-    """The driver of the rear lidar stamps 60 ms late."""
-    scans, late = drive[0][:20], 60 * MS
-    node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]',
-                         '-p', 'input.time_offset:=[0.0, -0.06]', '-p', f'advanced.snapshot.folder:={tmp_path}',
-                         '-p', f'input.mask:={[0.0] * 8 + [0.5, 1.0] + [0.0] * 6}')
-    said(node, 'ready: ', peer)
-    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(
-        transforms=[transform('base_link', name, at) for name, at in (('front', FRONT), ('rear', REAR))]))
-    played(peer, scans, late)
-    only_the_rear_is_masked(peer, scans)
-
-
 def test_scans_are_used_in_the_order_of_their_stamps(start_command, peer, drive, tf_type, tmp_path):
     """Six scans come at once, first those of the rear lidar; all have come before the wait for them ends."""
     scans, _ = drive
@@ -234,29 +160,6 @@ def test_scans_are_used_in_the_order_of_their_stamps(start_command, peer, drive,
     last = max(scan.stamp for scan in more if scan.frame_id == 'front')
     assert [stamp for stamp in used if scans[8].stamp <= stamp <= last] == sorted(
         scan.stamp for scan in more if scan.stamp <= last)
-
-
-def test_an_older_scan_that_has_arrived_is_used_first_after_a_silence(start_command, peer, drive, tf_type):
-    """The rear lidar, silent for more than three periods, sends a scan while the node is busy."""
-    scans, _ = drive
-    node = start_command('scan_matcher', '--ros-args', '-p', 'scan_topics:=[front/scan, rear/scan]', '-p',
-                         'odom_on:=all', '-p', 'advanced.input.reorder:=1.0', '-p', 'advanced.input.queue_size:=50')
-    said(node, 'ready: ', peer)
-    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(
-        transforms=[transform('base_link', name, at) for name, at in (('front', FRONT), ('rear', REAR))]))
-    lidars = loudspeakers(peer)
-    played(peer, scans[:60], 0, lidars)
-    *before, last = (scan for scan in scans[60:80] if scan.frame_id == 'front')
-    found = played(peer, [*before, last], 0, lidars)
-    older = next(scan for scan in scans[80:] if scan.frame_id == 'rear')
-    newer = next(scan for scan in scans[80:] if scan.frame_id == 'front' and scan.stamp > older.stamp)
-    peer.until(lambda: in_nanoseconds(found[-1].header.stamp) == last.stamp)
-    node.signal(signal.SIGSTOP)
-    for scan in newer, older:
-        lidars[scan.frame_id].tell(scan_to_message(scan))
-    node.signal(signal.SIGCONT)
-    peer.until(lambda: in_nanoseconds(found[-1].header.stamp) == newer.stamp)
-    assert in_nanoseconds(found[-2].header.stamp) == older.stamp
 
 
 def test_a_further_lidar_whose_stamps_start_again_resets_nothing(start_command, peer, drive, tf_type):
@@ -387,12 +290,3 @@ def test_lidars_with_names_have_parameters_of_their_own(start_command, peer, dri
     only_the_rear_is_masked(peer, scans)
 
 
-@pytest.mark.parametrize('words, expected', [
-    (['-p', 'scan_topics:=[a, b]', '-p', 'sensors:=[front, rear]'], 'expected only one of both parameters'),
-    (['-p', 'scan_topics:=[a, b]', '-p', 'mounting:=none'], "expected mounting 'tf' for several lidars"),
-    (['-p', 'scan_topics:=[a, b]', '-p', 'input.time_offset:=[0.0, 0.1, 0.2]'],
-     'expected one number, or 2: 1 for each topic of scan_topics'),
-    (['-p', 'scan_topics:=[a, a]'], 'expected each topic once'),
-    (['-p', 'calibrate_mountings:=true'], 'calibrate_mountings is gone: mountings are not changed')])
-def test_lidars_that_cannot_be_used_are_refused(start_command, peer, words, expected):
-    said(start_command('scan_matcher', '--ros-args', *words), expected, peer)
