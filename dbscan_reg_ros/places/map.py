@@ -39,7 +39,6 @@ from ..core.parameters.tree import Parameters
 from ..core.scan import Scan
 from ..recordings.archives import Archive, scan_fields, scans_of
 from ..recordings.trajectories import finite_numbers
-from .key_frames import KeyFrames
 from .pose_graph import Constraints, PoseGraph
 
 SPACING = 0.7
@@ -106,16 +105,6 @@ class Map:
     graph: PoseGraph
     views: list[View]
     mounting: SE2 = field(default_factory=SE2)
-
-    @classmethod
-    def of_drive(cls, key_frames: KeyFrames, graph: PoseGraph, mounting: SE2 = SE2()) -> 'Map':
-        """Return the map of a drive, from its key frames and their `KeyFrames.graph`."""
-        views: list[View] = []
-        for number, frame in enumerate(key_frames.frames):
-            scan, kept = frame.features.measured, graph.poses[[view.frame for view in views]]
-            if not shows_the_same(kept, graph.poses[number], scan).any():
-                views.append(View(number, scan, frame.features.twist, frame.features.noise_ratio))
-        return cls(graph, views, mounting)
 
     @classmethod
     def load(cls, path) -> 'Map':

@@ -12,13 +12,26 @@ from ..core.parameters.tree import Parameters
 from ..core.registration.pipeline import register
 from ..core.registration.records import Status
 from ..core.registration.status import demoted_if_poor
-from .key_frames import AWAY, DRIFT, NEAR, STEP_SPREAD, TRIED, TURNED
+from ..recordings.poses import compose
 from .localizer import LOST, Localization, Localizer, State
 from .map import Map, View, shows_the_same
 from .pose_graph import Constraints, PoseGraph, optimise
 
+AWAY = 10.0
+"""Two scans close a loop only if the sensor has driven at least this distance [m] between them."""
+NEAR, DRIFT = 1.0, 0.01
+"""Two scans close a loop only if their distance is at most this [m], plus this fraction of the distance driven."""
+TURNED = 0.35
+"""A loop that corrects the heading by more than this [rad] is rejected."""
+TRIED = 3
+"""Largest number of earlier key frames, nearest first, to which each key frame is registered."""
+STEP_SPREAD = np.array((0.005, 0.005, 0.002))
+"""Standard deviation [m, m, rad] added to the registration covariance of a motion between key frames."""
+GAP_SPREAD = np.array((1.0, 1.0, 1.0))
+"""The same if no scan was received for long between them: the scan after the gap may have been found elsewhere."""
 
-class _Relation(NamedTuple):
+
+class Relation(NamedTuple):
     """A key frame of the map, and the pose of a sensor in it.
 
     `covariance` (3, 3) is that of `motion`, in the frame of the sensor.
@@ -28,10 +41,10 @@ class _Relation(NamedTuple):
     motion: SE2
     covariance: NDArray[np.float64]
 
-    def then(self, step: SE2, covariance: NDArray[np.float64]) -> '_Relation':
+    def then(self, step: SE2, covariance: NDArray[np.float64]) -> 'Relation':
         """Return the relation to the sensor after a further step, whose `covariance` is in the frame at its end."""
         back = step.inverse().adjoint()
-        return _Relation(self.frame, self.motion @ step, back @ self.covariance @ back.T + covariance)
+        return Relation(self.frame, self.motion @ step, back @ self.covariance @ back.T + covariance)
 
 
 class Mapper:
@@ -40,7 +53,7 @@ class Mapper:
     A key frame of the odometry becomes one of the map only where none of the map shows the same, so that the map of a
     building stops growing once all of it was seen. A key frame that is registered to an old one of the map, over
     `AWAY` of driving or more, adds a constraint, and all poses are optimised. After a loss the robot is searched for in
-    the map so far by the `Localizer`; nothing is added until it is found.
+    the map so far by the `Localizer`; the key frames since then join the map once it is found.
 
     All of this is computed in `process`, which takes some milliseconds for a key frame and up to seconds after a loss:
     a caller that must not wait calls it in another thread. Only one thread may use a mapper.
@@ -49,6 +62,13 @@ class Mapper:
     ----------
     parameters : Parameters
         Those of the odometry.
+
+    Attributes
+    ----------
+    numbers : list of int
+        `OdometryUpdate.number` of each key frame.
+    seen_again : Relation or None
+        How the latest scan was registered to a key frame that was seen long before.
     """
 
     def __init__(self, parameters: Parameters = Parameters()) -> None:
@@ -58,6 +78,8 @@ class Mapper:
     def reset(self) -> None:
         """Begin a new map, whose frame is that of the odometry at the next scan."""
         self._views: list[View] = []
+        self.numbers: list[int] = []
+        self.seen_again: Relation | None = None
         self._sensors: list[str] = []
         self._poses = np.empty((0, DOF))
         self._covariances: list[NDArray[np.float64]] = []
@@ -66,9 +88,10 @@ class Mapper:
         self._seen: list[float] = []
         self._way, self._last = 0.0, SE2()
         # The latest key frame of the odometry: in the map, in the odometry frame, and its number.
-        self._relation, self._place, self._number = _Relation(0, SE2(), np.zeros((DOF, DOF))), SE2(), -1
-        self._odometry_covariance = np.zeros((DOF, DOF))
-        self._lost = False
+        self._relation, self._place, self._number = Relation(0, SE2(), np.zeros((DOF, DOF))), SE2(), -1
+        self._odometry_covariance, self._gap = np.zeros((DOF, DOF)), False
+        # That of the robot and that of each key frame; all of track 0 are in one map.
+        self._track, self._tracks = 0, list[int]()
         self._localizer: Localizer | None = None
         self._found: Localization | None = None
 
@@ -86,7 +109,8 @@ class Mapper:
         self._last = update.pose
         if update.reference is not None and update.reference_number == self._number:
             self._refine(update.reference)
-        if self._lost and not update.starts_track:
+        self.seen_again, self._gap = None, self._gap or bool(update.restarted)
+        if self._track and not update.starts_track:
             self._search(update)
         if update.reference_changed:
             self._add(update)
@@ -109,8 +133,12 @@ class Mapper:
         return self._relation.frame, self._relation.motion @ self._place.inverse()
 
     def map(self, mounting: SE2 = SE2()) -> Map:
-        """Return the map so far; it does not change when the mapper goes on. `mounting` is that of the `Map`."""
-        return Map(self.graph, list(self._views), mounting)
+        """Return the map so far; it does not change when the mapper goes on. `mounting` is that of the `Map`.
+
+        Key frames since a loss are no views of it until the robot is found.
+        """
+        views = [view for view, track in zip(self._views, self._tracks, strict=True) if not track]
+        return Map(self.graph, views, mounting)
 
     def _refine(self, features: Features) -> None:
         """Take over how the latest key frame is deskewed, if it is of the map."""
@@ -122,48 +150,48 @@ class Mapper:
         """Use a key frame of the odometry."""
         place = update.scan_pose
         if not self._views:
-            self._lost = False
             self._insert(update, place, np.zeros((DOF, DOF)))
-            self._relation = _Relation(0, SE2(), np.zeros((DOF, DOF)))
+            self._relation = Relation(0, SE2(), np.zeros((DOF, DOF)))
         else:
             if update.starts_track:
-                self._lost, self._localizer, self._found = True, None, None
-            self._relation = self._relation.then(self._place.inverse() @ place, _step_covariance(update))
+                self._track, self._localizer, self._found = max(self._tracks) + 1, None, None
+            self._relation = self._relation.then(self._place.inverse() @ place, self._step_covariance(update))
             self._place = place
             self._locate(update)
-        self._place, self._number = place, update.number
+        self._place, self._number, self._gap = place, update.number, False
         self._odometry_covariance = update.covariance
         self._seen[self._relation.frame] = self._way
 
+    def _step_covariance(self, update: OdometryUpdate) -> NDArray[np.float64]:
+        """Return the covariance (3, 3) of the motion since the last key frame, in the frame of this one."""
+        if update.starts_track:
+            return LOST
+        spread = np.diag(GAP_SPREAD if self._gap else STEP_SPREAD) ** 2
+        return spread if update.registration is None else update.registration.covariance + spread
+
     def _locate(self, update: OdometryUpdate) -> None:
         """Find the latest key frame among those of the map, or add it."""
-        known = self._again(update)
-        if self._lost:
-            if known is None:
-                return
-            # Nothing is known of the motion since the loss.
-            self._lost, self._localizer, self._relation = False, None, known
-        chain, before = self._relation, len(self._constraints)
+        known = self.seen_again = self._again(update)
+        chain = self._relation
         alike = shows_the_same(self._poses, self._in_map(known or chain).as_array(), update.features.measured)
-        alike &= np.array([name == update.sensor.name for name in self._sensors])
-        is_new = not alike.any()
+        is_new = not (alike & self._comparable(update)).any()
         if is_new:
             number = len(self._views)
             self._insert(update, self._in_map(chain), self._covariance_of(chain))
             self._constrain(chain.frame, number, chain.motion, chain.covariance)
-            self._relation = _Relation(number, SE2(), np.zeros((DOF, DOF)))
+            self._relation = Relation(number, SE2(), np.zeros((DOF, DOF)))
             if known:
                 self._constrain(known.frame, number, known.motion, known.covariance)
         elif known:
             turn = known.motion.adjoint()
             self._constrain(chain.frame, known.frame, chain.motion @ known.motion.inverse(),
                             turn @ (chain.covariance + known.covariance) @ turn.T)
-        if known and len(self._constraints) > before:
+        if known:
             self._poses = optimise(self._poses, self.graph.constraints)
         if known and not is_new:
             self._relation = self._weighed(known, chain)
 
-    def _weighed(self, known: _Relation, chain: _Relation) -> _Relation:
+    def _weighed(self, known: Relation, chain: Relation) -> Relation:
         """Return the relation `known` with the mean of its motion and of that by the `chain` of motions.
 
         The covariance stays that of `known`, as the errors of both depend on each other.
@@ -174,14 +202,14 @@ class Mapper:
         moved = SE2.from_array(of_chain @ np.linalg.solve(of_chain + of_known, off))
         return known._replace(motion=by_chain @ moved)
 
-    def _again(self, update: OdometryUpdate) -> _Relation | None:
+    def _again(self, update: OdometryUpdate) -> Relation | None:
         """Return the relation of a key frame to one of the map that was seen long before; None if there is none."""
-        if self._lost:
-            return self._searched(update)
+        if self._track and (in_map := self._searched(update)):
+            self._join(in_map)
+            return in_map
         at, since = self._in_map(self._relation).as_array(), self._way - np.array(self._seen)
         apart, reach = np.hypot(*(self._poses - at)[:, :2].T), NEAR + DRIFT * since
-        other = np.array([name != update.sensor.name for name in self._sensors])
-        apart[(since < AWAY) | (apart > reach) | other] = np.inf
+        apart[(since < AWAY) | (apart > reach) | ~self._comparable(update)] = np.inf
         for early in np.argsort(apart, kind='stable')[:TRIED]:
             if not np.isfinite(apart[early]):
                 break
@@ -189,8 +217,13 @@ class Mapper:
                                              self._parameters), self._parameters.decision)
             off = SE2.from_array(at).inverse() @ SE2.from_array(self._poses[early]) @ found.transform
             if found.status is Status.OK and np.hypot(off.x, off.y) <= reach[early] and abs(off.theta) <= TURNED:
-                return _Relation(int(early), found.transform, found.covariance + np.diag(STEP_SPREAD) ** 2)
+                return Relation(int(early), found.transform, found.covariance + np.diag(STEP_SPREAD) ** 2)
         return None
+
+    def _comparable(self, update: OdometryUpdate) -> NDArray[np.bool_]:
+        """Return which key frames (K,) are of the sensor of an update, and of the track of the robot."""
+        return np.array([name == update.sensor.name and track == self._track
+                         for name, track in zip(self._sensors, self._tracks, strict=True)])
 
     def _search(self, update: OdometryUpdate) -> None:
         """Search for the robot in the map so far."""
@@ -198,39 +231,62 @@ class Mapper:
             self._localizer = Localizer(self.map(), self._parameters)
         self._found = self._localizer.process(update)
 
-    def _searched(self, update: OdometryUpdate) -> _Relation | None:
+    def _searched(self, update: OdometryUpdate) -> Relation | None:
         """Return the relation of a key frame to the nearest of the map, once the search has found the robot."""
         found = self._found
         if not found or found.state is not State.LOCALISED or found.transform is None or found.covariance is None:
             return None
         at = found.transform @ update.scan_pose
-        nearest = int(np.hypot(*(self._poses - at.as_array())[:, :2].T).argmin())
-        return _Relation(nearest, SE2.from_array(self._poses[nearest]).inverse() @ at,
+        apart = np.hypot(*(self._poses - at.as_array())[:, :2].T)
+        nearest = int(np.where(self._tracks, np.inf, apart).argmin())
+        return Relation(nearest, SE2.from_array(self._poses[nearest]).inverse() @ at,
                          turned(found.covariance, -at.theta))
+
+    def _join(self, found: Relation) -> None:
+        """Move the key frames since the loss to where the robot was found in the map."""
+        since = np.array(self._tracks) == self._track
+        move = self._in_map(found) @ self._in_map(self._relation).inverse()
+        self._poses[since] = compose(move.as_array()[None], self._poses[since])
+        covariance = self._covariance_of(found)
+        for number in np.flatnonzero(since):
+            self._tracks[number], self._covariances[number] = 0, covariance
+        self._track, self._localizer = 0, None
 
     def _insert(self, update: OdometryUpdate, pose: SE2, covariance: NDArray[np.float64]) -> None:
         """Add a key frame to the map at this `pose`."""
         features = update.features
         self._views.append(View(len(self._views), features.measured, features.twist, features.noise_ratio))
+        self.numbers.append(update.number)
         self._sensors.append(update.sensor.name)
+        self._tracks.append(self._track)
         self._poses = np.vstack((self._poses, pose.as_array()))
         self._covariances.append(covariance)
         self._seen.append(self._way)
 
     def _constrain(self, first: int, second: int, motion: SE2, covariance: NDArray[np.float64]) -> None:
-        """Add a constraint between two key frames, unless there is one."""
-        if first != second and not {(first, second), (second, first)} & self._constraints.keys():
-            self._constraints[first, second] = motion.as_array(), covariance
+        """Add a constraint between two key frames; if there is one, take the mean of both."""
+        if first == second:
+            return
+        if (second, first) in self._constraints:
+            turn = motion.adjoint()
+            first, second, motion, covariance = second, first, motion.inverse(), turn @ covariance @ turn.T
+        if (first, second) in self._constraints:
+            before, of_before = self._constraints[first, second]
+            off = (SE2.from_array(before).inverse() @ motion).as_array()
+            gain = of_before @ np.linalg.inv(of_before + covariance)
+            motion, covariance = SE2.from_array(before) @ SE2.from_array(gain @ off), of_before - gain @ of_before
+            covariance = 0.5 * (covariance + covariance.T)
+        self._constraints[first, second] = motion.as_array(), covariance
 
-    def _in_map(self, relation: _Relation) -> SE2:
+    def _in_map(self, relation: Relation) -> SE2:
         """Return the pose of the sensor of a relation in the map."""
         return SE2.from_array(self._poses[relation.frame]) @ relation.motion
 
-    def _in_frame(self, frame: int, relation: _Relation) -> SE2:
+    def _in_frame(self, frame: int, relation: Relation) -> SE2:
         """Return the pose of the sensor of a relation in a key frame."""
         return SE2.from_array(self._poses[frame]).inverse() @ self._in_map(relation)
 
-    def _covariance_of(self, relation: _Relation) -> NDArray[np.float64]:
+    def _covariance_of(self, relation: Relation) -> NDArray[np.float64]:
         """Return the covariance of the pose of the sensor of a relation, for (x, y, theta) in the map."""
         at, pose = self._poses[relation.frame], self._in_map(relation)
         lever = lever_arm(pose.x - at[0], pose.y - at[1])
@@ -245,15 +301,9 @@ class Mapper:
         number, odometry = self.anchor
         transform = SE2.from_array(self._poses[number]) @ odometry
         pose, covariance = transform @ update.pose, LOST
-        if not self._lost:
+        if not self._track:
             covariance = self._covariance_of(self._relation)
             if update.status is Status.FAILED:
                 covariance = covariance + turned(update.covariance - self._odometry_covariance, transform.theta)
-        state = State.SEARCHING if self._lost else State.LOCALISED
+        state = State.SEARCHING if self._track else State.LOCALISED
         return Localization(state, transform, pose, covariance, [(pose, 1.0)], 0.0)
-
-
-def _step_covariance(update: OdometryUpdate) -> NDArray[np.float64]:
-    """Return the covariance (3, 3) of the motion since the last key frame, in the frame of this one."""
-    spread = np.diag(STEP_SPREAD) ** 2
-    return spread if update.registration is None else update.registration.covariance + spread

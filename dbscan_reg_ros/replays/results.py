@@ -8,7 +8,6 @@ from ..evaluation.known_motion import NOTHING_KNOWN, KnownMotion
 from ..evaluation.metrics import align
 from ..figures.plots import MapPoints, draw_map
 from ..places.localizer import Localizer, State
-from ..places.map import Map
 from ..places.map_files import load_grid
 from ..places.pose_graph import write_g2o
 from ..recordings import write_tum
@@ -96,7 +95,8 @@ class Results:
         self.trajectory = Trajectory(yaw, mounting.upside_down, numbers=odometry.numbers if odometry.recordings else [])
         self.to_review, self.history = PairsToReview(), ScanHistory(yaw)
         self.map_points = MapPoints(recording.count, yaw)
-        self.loops = Loops() if options.close_loops or options.g2o or options.map_out else None
+        closes = options.close_loops or options.g2o or options.map_out
+        self.loops = Loops(self.parameters.for_odometry()) if closes else None
         self.in_map = InMap(options.map, self.parameters.for_odometry()) if options.map else None
         self._on_base = mounting.pose if options.frame == 'base' else None
         self.entry: DriveEntry | None = None
@@ -166,16 +166,16 @@ class Results:
 
     def _close(self, known, measures):
         """Close the loops, add their error measures; return the corrected poses and the pairs of scans of the loops."""
-        poses = self.trajectory.pose_array()
-        closed, pairs, graph = self.loops.close(poses, self.parameters.for_odometry(), self.trajectory.yaw)
+        closed, mapper = self.loops.poses(self.trajectory.yaw), self.loops.mapper
+        pairs = np.array([loop.pair for loop in self.loops.found], dtype=int).reshape(-1, 2)
         errors = self.faults.attempt('errors against the truth', known.measures, self.trajectory.stamps, closed) or {}
         measures |= {'loops': len(pairs)} | {f'closed_{name}': value for name, value in errors.items()}
         self.write_poses('closed.tum', self.trajectory.stamps, closed)
         if file := self._options.map_out:
             place = self.odometry.mounting.aligned_pose
-            self.faults.attempt(str(file), Map.of_drive(self.loops, graph, place).save, file)
+            self.faults.attempt(str(file), mapper.map(place).save, file)
         if self._options.g2o:
-            self.faults.attempt('graph.g2o', write_g2o, self.folder / 'graph.g2o', graph)
+            self.faults.attempt('graph.g2o', write_g2o, self.folder / 'graph.g2o', mapper.graph)
         return closed, pairs
 
     def _draw_closed(self, closed, truth):

@@ -106,13 +106,14 @@ def test_a_drive_that_drifts_closes_where_it_comes_back(yaw):
     tour = hall(seed=1).tour
     drive = simulate(hall(seed=1), follow(np.vstack((tour, tour)), speed=2.0), Lidar(rate=2.0), seed=1)
     odometry, loops = Odometry(), Loops()
-    for scan in turned(drive.scans, yaw):
-        loops.add(odometry.process(scan))
     truth = relative(np.repeat(drive.truth[:1], len(drive.truth), axis=0), drive.truth)
     drifted = truth[:1]
     for step in relative(truth[:-1], truth[1:]):
         drifted = np.vstack((drifted, compose(drifted[-1:], step[None] + (0.0, 0.0, math.radians(0.01)))))
-    closed, pairs, _ = loops.close(drifted, Parameters(), yaw)
+    turn = SE2(theta=yaw)
+    for scan, pose in zip(turned(drive.scans, yaw), drifted, strict=True):
+        loops.add(dataclasses.replace(odometry.process(scan), pose=turn @ SE2.from_array(pose) @ turn.inverse()))
+    closed, pairs = loops.poses(yaw), np.array([loop.pair for loop in loops.found])
     assert len(pairs) > 20
     assert (pairs[:, 1] > pairs[:, 0]).all()
     assert closed[0] == pytest.approx(truth[0])

@@ -12,9 +12,9 @@ from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.evaluation.metrics import align, path_lengths
-from dbscan_reg_ros.places.key_frames import KeyFrames
 from dbscan_reg_ros.places.localizer import Localizer, State
 from dbscan_reg_ros.places.map import Map
+from dbscan_reg_ros.places.mapper import Mapper
 from dbscan_reg_ros.recordings.poses import compose, relative
 from dbscan_reg_ros.simulation import follow, simulate, with_people
 
@@ -44,13 +44,10 @@ class Mapped:
     @classmethod
     def of(cls, scans, truth) -> 'Mapped':
         """Drive through the `scans`, close the loops, and align the key frames with the `truth`."""
-        odometry, frames, poses = Odometry(PARAMETERS), KeyFrames(), []
+        odometry, mapper = Odometry(PARAMETERS), Mapper(PARAMETERS)
         for scan in scans:
-            update = odometry.process(scan)
-            frames.add(update)
-            poses.append(update.pose.as_array())
-        graph = frames.graph(np.array(poses), PARAMETERS)
-        return cls(Map.of_drive(frames, graph), truth[frames.numbers])
+            mapper.process(odometry.process(scan))
+        return cls(mapper.map(), truth[mapper.numbers])
 
     def true_poses(self, truth):
         """Return true poses (N, 3) in the frame of the map around them."""

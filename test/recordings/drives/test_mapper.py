@@ -65,7 +65,7 @@ def test_after_a_loss_the_robot_is_found_in_its_own_map(tour):
     mapper = Mapper()
     for update in updates[:half]:
         mapper.process(update)
-    before = len(mapper.graph.poses)
+    before = len(mapper.map().views)
     # Another odometry begins elsewhere: its frame is that of its own first scan.
     odometry, found = Odometry(Parameters()), []
     for update in updates[start:start + 40]:
@@ -73,11 +73,16 @@ def test_after_a_loss_the_robot_is_found_in_its_own_map(tour):
         if found[-1].state is State.LOCALISED:
             break
         assert found[-1].covariance[0, 0] > 25.0
-        assert len(mapper.graph.poses) == before
+        assert len(mapper.map().views) == before
     assert found[0].state is State.SEARCHING and found[-1].state is State.LOCALISED
     off = errors(found[-1:], truth[start + len(found) - 1:start + len(found)])[0]
     assert math.hypot(*off[:2]) < 0.1 and abs(math.degrees(off[2])) < 1.0
     assert math.sqrt(found[-1].covariance[0, 0]) < 0.3
+    # What was seen since the loss is in the map where it is, too.
+    assert len(mapper.graph.poses) > before and len(mapper.map().views) == len(mapper.graph.poses)
+    numbers = np.array(mapper.numbers)
+    numbers[before:] += start
+    assert np.abs(relative(truth[numbers], mapper.graph.poses)).max() < 0.1
 
 
 def test_a_map_does_not_change_when_the_mapper_goes_on_and_a_reset_begins_a_new_one(tour):

@@ -165,7 +165,7 @@ PARTS = {
     'parameters.yaml': ('dbscan_reg_ros.robot.parameter_files.write_parameters', {'report.html', 'map.png', 'bag'}),
     'errors against the truth': ('dbscan_reg_ros.evaluation.known_motion.KnownMotion.measures',
                                  {'report.html', 'map.png', 'bag'}),
-    'closed.tum': ('dbscan_reg_ros.replays.loops.Loops.close', {'report.html', 'map.png', 'bag'}),
+    'closed.tum': ('dbscan_reg_ros.replays.loops.Loops.poses', {'report.html', 'map.png', 'bag'}),
     'latest': ('dbscan_reg_ros.replays.result_folder.point_latest', {'report.html', 'map.png', 'bag'}),
 }
 
