@@ -1,27 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the paper reports, measured: its tables and its example."""
 import math
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from benchmarks.paper import figure4, paper, steps, table3
 from benchmarks.report import Report
-from benchmarks.trials import two_views
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.evaluation.methods import method
 from dbscan_reg_ros.figures.steps import Steps
-from dbscan_reg_ros.simulation import rooms
-
-ABSOLUTE = ((0.0319, 0.0185, 0.0076), (0.0031, 0.002, 0.0056), (0.0232, 0.0065, 0.0027), (0.0011, 0.007, 0.0038))
-"""The absolute errors of the proposed method in Table 3."""
-
-
-def test_the_published_relative_errors_are_the_absolute_ones_over_the_motion():
-    for row, absolute in zip(table3.TABLE, ABSOLUTE, strict=True):
-        np.testing.assert_allclose(row.proposed, np.array(absolute) / np.abs(row.motion.as_array()), atol=6e-4)
 
 
 @pytest.mark.parametrize('sensor', table3.BOUND_FOR)
@@ -31,18 +20,6 @@ def test_on_simulated_pairs_the_median_error_is_below_the_published_one_in_every
     outcomes = table3.run([method('dbscan')], trials, sensor)['dbscan']
     for row, found in zip(table3.TABLE, table3.relative_errors(outcomes), strict=True):
         assert np.all(found < row.proposed), row
-
-
-def test_the_way_between_two_views_is_free_and_the_motion_is_the_one_asked_for():
-    """Seen from the first place all around without noise, nothing is nearer than the second one."""
-    world, motion = rooms(2), table3.TABLE[0].motion
-    lidar = replace(table3.SICK['180'], beams=360, noise=0.0)
-    rng = np.random.default_rng(0)
-    for _ in range(10):
-        reference, _, truth = two_views(world, lidar, rng, lambda _: motion)
-        assert truth == motion
-        turn = (reference.geometry.bearings - math.atan2(truth.y, truth.x) + math.pi) % (2.0 * math.pi) - math.pi
-        assert reference.ranges[np.abs(turn).argmin()] > math.hypot(truth.x, truth.y) + 0.1
 
 
 def test_pairs_of_the_log_are_within_a_fifth_of_the_motion(intel_log):

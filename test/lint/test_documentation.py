@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """The documents agree with the source and with each other."""
-import ast
 import re
 from pathlib import Path
 
@@ -63,10 +62,13 @@ def test_the_site_describes_every_public_name(root):
 
 @pytest.mark.parametrize('name', DOCUMENTS)
 def test_modules_and_tests_that_are_named_exist(root, name):
+    text = (root / name).read_text()
     files = {path.name for folder in ('dbscan_reg_ros', 'launch', 'scripts', 'test')
              for path in (root / folder).rglob('*.p*')}
-    named = {path.split('/')[-1] for path in re.findall(r'`([\w/.]+\.(?:py|px[di]|pyx))`', (root / name).read_text())}
+    named = {path.split('/')[-1] for path in re.findall(r'`([\w/.]+\.(?:py|px[di]|pyx))`', text)}
     assert named - files <= {'setup.py'}
+    tests = '\n'.join(path.read_text() for path in (root / 'test').rglob('test_*.py'))
+    assert {test for test in re.findall(r'`(test_\w+)`', text) if f'def {test}(' not in tests} == set()
 
 
 @pytest.mark.parametrize('name', DOCUMENTS)
@@ -80,38 +82,8 @@ def test_parameters_that_are_named_exist(root, name):
     assert named <= known | headings
 
 
-def texts(path):
-    """The string literals of a module, with a blank for what an f-string inserts."""
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.JoinedStr):
-            yield ''.join(part.value if isinstance(part, ast.Constant) else ' ' for part in node.values)
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-            yield node.value
-
-
-def test_messages_that_the_quick_start_quotes_are_those_of_the_node(root):
-    table = (root / 'doc' / 'quickstart.md').read_text().partition('| message |')[2]
-    quoted = [part for message in re.findall(r'^\| `([^`]*)`', table, re.MULTILINE)
-              for part in re.split(r' ?\.\.\.|[:;] ', message) if part.strip()]
-    source = '\n'.join(text for path in (root / 'dbscan_reg_ros' / 'node').rglob('*.py') for text in texts(path))
-    assert len(quoted) >= 8 and [part for part in quoted if part not in source] == []
-
-
 @pytest.mark.parametrize('name', DOCUMENTS)
 def test_parameter_files_that_are_shown_can_be_read(root, name, tmp_path):
     for block in re.findall(r'^```yaml\n(.*?)^```', (root / name).read_text(), re.MULTILINE | re.DOTALL):
         (tmp_path / 'shown.yaml').write_text(block)
         assert read_parameters(tmp_path / 'shown.yaml') != NodeParameters()
-
-
-@pytest.mark.parametrize('name', DOCUMENTS)
-def test_tests_that_are_named_exist(root, name):
-    source = '\n'.join(path.read_text() for path in (root / 'test').rglob('test_*.py'))
-    named = set(re.findall(r'`(test_\w+)`', (root / name).read_text()))
-    assert {test for test in named if f'def {test}(' not in source} == set()
-
-
-@pytest.mark.parametrize('name', DOCUMENTS)
-def test_each_row_of_a_table_is_a_line(root, name):
-    lines = (root / name).read_text().splitlines()
-    assert [line for line in lines if '|---' in line and not re.fullmatch(r'\s*\|[-|: ]+\|', line)] == []

@@ -13,8 +13,8 @@ from dbscan_reg_ros.core.scan import Scan
 
 STEP = 0.02
 NOISE = 0.004
-KEPT, SMOOTHED, CORNER, REMOVED = Outcome
-P1, P4, P5, P6, P8 = 6, 9, 10, 11, 13
+KEPT, SMOOTHED, REMOVED = Outcome.KEPT, Outcome.SMOOTHED, Outcome.REMOVED
+P4, P5, P6 = 9, 10, 11
 """The beams of Figure 1 within 21 beams, P5 in the middle."""
 
 

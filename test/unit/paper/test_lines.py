@@ -23,7 +23,7 @@ from dbscan_reg_ros.core.paper.ring_band import ring_band_filter
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 
 STEP, NOISE = 0.02, 0.005
-KEPT, SMOOTHED, CORNER, REMOVED = Outcome
+SMOOTHED, REMOVED = Outcome.SMOOTHED, Outcome.REMOVED
 
 
 def seen(bearings, *walls):
