@@ -124,15 +124,14 @@ def first_parameters(competitors):
 def follow_one(path, lidars, competitor, parameters):
     """Return the `Trajectory` of a competitor over the recording at `path`; the `parameters` are for point clouds.
 
-    Where standard error is no terminal, and so has no progress bar, a line is printed at the begin.
+    A line is printed at the begin: work in several processes has no progress bar.
     """
     from .workers import watched
 
     lidars = lidars.of_recording(path, parameters)
     recording = lidars.open(path, parameters)
     title = f'{recording.name}, {Path(competitor.name).name}'
-    if not sys.stderr.isatty():
-        print(f'compare: {title} ...', file=sys.stderr, flush=True)
+    print(f'compare: {title} ...', file=sys.stderr, flush=True)
     return competitor.follow(recording, watched(recording.scans(), title, recording.count), lidars)
 
 

@@ -15,8 +15,6 @@ from ..endings import ENDING, held, interruptible, lasting_output
 
 THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 """Variables that limit the threads of numerical libraries, as parallel processes with many threads are slow."""
-EVERY = 20
-"""Number of processed items between two reports of progress."""
 
 PATIENCE = 1.0
 """Time [s] that a worker has after an interruption to write its partial results; then it is killed."""
@@ -58,7 +56,10 @@ def as_done(executor, function, jobs):
 
 
 def watched(items, title, total):
-    """Yield the `items` and report the progress to a progress bar; raise a pending interruption between two items."""
+    """Yield the `items`, and raise a pending interruption between two of them.
+
+    Work in this process has a progress bar with a `title` and the `total` number of items.
+    """
     if _worker is None:
         from tqdm import tqdm
         with _interruptions() as interrupted:
@@ -67,15 +68,10 @@ def watched(items, title, total):
                     raise KeyboardInterrupt
                 yield item
         return
-    name = f'{title} {os.getpid()}'
-    done = 0
     _worker.end_politely()
-    for done, item in enumerate(items, 1):
+    for item in items:
         _worker.heed()
-        if done % EVERY == 0:
-            _worker.report(name, title, done, total)
         yield item
-    _worker.report(name, title, done, done)
 
 
 @contextmanager
@@ -130,12 +126,8 @@ class _Local(ProcessPoolExecutor):
 def local_workers(processes):
     """Provide an executor of local processes, even if it is a single process."""
     context = multiprocessing.get_context('spawn')
-    reports, reporter = context.Pipe(duplex=False)
-    over, end = context.Pipe(duplex=False)
     others = set(multiprocessing.active_children())
-    executor = _Local(processes, context, _begin, (reporter,))
-    bars = threading.Thread(target=_show, args=(reports, over), daemon=True)
-    bars.start()
+    executor = _Local(processes, context, _begin)
     limits = {name: '1' for name in THREADS if name not in os.environ}
     os.environ.update(limits)
     in_main = threading.current_thread() is threading.main_thread()
@@ -148,10 +140,6 @@ def local_workers(processes):
         raise
     finally:
         executor.shutdown(wait=True)
-        end.send(None)
-        bars.join()
-        for connection in (reports, reporter, over, end):
-            connection.close()
         for name in limits:
             del os.environ[name]
 
@@ -186,12 +174,12 @@ def _cluster(address):
             raise
 
 
-def _begin(reporter):
+def _begin():
     """Initialise a local worker process."""
     global _worker
     keep_freed_memory()
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _worker = _Worker(reporter)
+    _worker = _Worker()
 
 
 def _end_with_parent():
@@ -209,14 +197,10 @@ def _work(function, args, kwargs):
 
 
 class _Worker:
-    """Communication of a local worker with its parent process, which sends SIGTERM to interrupt all work.
+    """Interruption of a local worker by its parent process, which sends SIGTERM."""
 
-    Workers share no lock: a killed process would never release it. A report is written atomically, since it is shorter
-    than PIPE_BUF.
-    """
-
-    def __init__(self, reporter):
-        self._stopped, self._reporter = False, reporter
+    def __init__(self):
+        self._stopped = False
 
     def end_at_once(self):
         """Let SIGTERM end this process from now on; end it now if SIGTERM was already received."""
@@ -235,24 +219,3 @@ class _Worker:
         """Raise a KeyboardInterrupt if the parent process has sent SIGTERM."""
         if self._stopped:
             raise KeyboardInterrupt
-
-    def report(self, name, title, done, total):
-        """Send the progress of the work to the parent process."""
-        self._reporter.send((name, title, done, total))
-
-
-def _show(reports, over):
-    """Show the progress bars of all workers until a message arrives on `over`."""
-    from tqdm import tqdm
-
-    bars = {}
-    while wait([reports, over]) != [over]:
-        name, title, done, total = reports.recv()
-        if name not in bars:
-            bars[name] = tqdm(None, title, total, disable=None)
-        bars[name].total = total
-        bars[name].update(done - bars[name].n)
-        if done == total:
-            bars.pop(name).close()
-    for bar in bars.values():
-        bar.close()

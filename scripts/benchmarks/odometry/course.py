@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One course: scans in order, with the truth that odometry is judged by."""
 import dataclasses
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -65,6 +66,18 @@ class Course:
         return dataclasses.replace(
             self, scans=[self.scans[i] for i in picked], judged=rows(self.judged), indices=rows(self.indices),
             reference=rows(self.reference), wheels=rows(self.wheels))
+
+
+def each(*kinds, seeds):
+    """Turn a function of the `kinds` and of a seed, which makes a course, into one of seeds that lists all of them."""
+    def listing(make):
+        def courses(folder=None, seeds=seeds):
+            return [make(*kind, seed) for *kind, seed in itertools.product(*kinds, seeds)]
+
+        courses.__name__, courses.__doc__ = make.__name__, make.__doc__
+        return courses
+
+    return listing
 
 
 def behind(scan, circles, rng):

@@ -12,12 +12,12 @@ import numpy as np
 from dbscan_reg_ros.core.geometry.se2 import wrap
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.recordings import open_recording
-from dbscan_reg_ros.simulation import LIDARS, Lidar, Path, Person, corridor, follow, hall, rooms, simulate
+from dbscan_reg_ros.simulation import LIDARS, Lidar, Path, Person, corridor, follow, hall, rooms
 from dbscan_reg_ros.simulation.raycasting import cast
 from dbscan_reg_ros.simulation.worlds import sides
 
 from ..intel import Intel
-from .course import Course, simulated
+from .course import Course, driven, each, simulated
 
 SEEDS = (0, 1, 2)
 SECOND = 1_000_000_000
@@ -114,26 +114,22 @@ def sparse(folder) -> list:
     return [*sparse_intel(folder).values(), *sparse_aces(folder).values(), *sparse_buildings().values()]
 
 
-def narrow(folder=None, seeds=SEEDS) -> list:
+@each(CAMERAS, seeds=SEEDS)
+def narrow(camera, seed) -> Course:
     """25 s through furnished rooms, seen by depth cameras of 57 to 90 deg and 16 to 640 beams."""
-    return [dataclasses.replace(_begun(rooms(seed), camera, NARROW_SECONDS, seed), group=name)
-            for seed in seeds for name, camera in CAMERAS.items()]
+    return dataclasses.replace(_begun(rooms(seed), CAMERAS[camera], NARROW_SECONDS, seed), group=camera)
 
 
 def _begun(world, lidar, seconds, seed, pauses=None):
     """Return the first seconds of the tour of a world."""
     path = follow(world.tour, pauses=pauses)
     kept = path.times <= seconds + lidar.duration
-    result = simulate(world, Path(path.times[kept], path.poses[kept]), lidar, seed)
-    return Course(result.scans, reference=result.truth)
+    return driven(world, Path(path.times[kept], path.poses[kept]), lidar, seed)
 
 
-def passers(folder=None, seeds=SEEDS) -> list:
+@each(seeds=SEEDS)
+def passers(seed) -> Course:
     """People passing within half a metre of a lidar of 180 deg, at rest or rotating slowly, in a room or a corridor."""
-    return [_passed(seed) for seed in seeds]
-
-
-def _passed(seed):
     rng = np.random.default_rng(seed)
     world = corridor(seed=seed) if seed % 2 else rooms(seed)
     x, y, along = follow(world.tour).poses_at(np.array([rng.uniform(8.0, 25.0)]))[0]
@@ -143,8 +139,7 @@ def _passed(seed):
     path = Path(times, np.column_stack((np.full(len(times), x), np.full(len(times), y), along + turn)))
     people = [_passer(rng, x, y, along) for _ in range(PASSERS)]
     lidar = dataclasses.replace(LIDARS['sick_lms200'], rate=5.0)
-    result = simulate(dataclasses.replace(world, people=tuple(people)), path, lidar, seed)
-    return Course(result.scans, reference=result.truth)
+    return driven(dataclasses.replace(world, people=tuple(people)), path, lidar, seed)
 
 
 def _passer(rng, x, y, heading):
@@ -155,15 +150,13 @@ def _passer(rng, x, y, heading):
     return Person(np.array([nearest - way, nearest + way]), rng.uniform(0.8, 1.6), rng.uniform(0.2, 0.3))
 
 
-def spinup(folder=None, seeds=SEEDS) -> list:
+@each(SPINUPS, seeds=SEEDS)
+def spinup(name, seed) -> Course:
     """Return a lidar that spins up: its first scans hold none or few of its beams; the robot rests, or drives already.
 
     The poor scans are not judged.
     """
-    return [dataclasses.replace(_spun_up(*SPINUPS[name], seed), group=name) for seed in seeds for name in SPINUPS]
-
-
-def _spun_up(pause, returns, seed):
+    pause, returns = SPINUPS[name]
     lidar = LIDARS['rplidar_a']
     whole = _begun(rooms(seed), lidar, 1.0 + SPINUP_SECONDS, seed, {0: pause} if pause else None)
     course = whole.take(slice(0 if pause else round(lidar.rate), None))
@@ -174,17 +167,13 @@ def _spun_up(pause, returns, seed):
         scan = scans[k]
         scans[k] = Scan(scan.stamp, np.where(kept, scan.ranges, np.inf), scan.geometry, scan.time_increment,
                         scan.frame_id)
-    return dataclasses.replace(course, scans=scans, judged=np.arange(len(scans)) >= len(returns))
+    return dataclasses.replace(course, scans=scans, judged=np.arange(len(scans)) >= len(returns), group=name)
 
 
-def covered(folder=None, seeds=SEEDS) -> list:
+@each(COVERED_LIDARS, COVERED, seeds=SEEDS)
+def covered(name, seconds, seed) -> Course:
     """Return lidars under a box for 0.5 to 3 s, in furnished rooms; scans of the box are not judged."""
-    return [dataclasses.replace(_covered(LIDARS[name], seconds, seed), group=name)
-            for seed in seeds for name in COVERED_LIDARS for seconds in COVERED]
-
-
-def _covered(lidar, seconds, seed):
-    course = _begun(rooms(seed), lidar, COVERED_FROM + 7.0, seed)
+    course = _begun(rooms(seed), LIDARS[name], COVERED_FROM + 7.0, seed)
     under = (course.seconds >= COVERED_FROM) & (course.seconds < COVERED_FROM + seconds)
     rng, scans = np.random.default_rng(seed), list(course.scans)
     for k in under.nonzero()[0]:
@@ -192,22 +181,17 @@ def _covered(lidar, seconds, seed):
         ranges = cast(np.zeros((1, 2)), geometry.directions, sides(COVER), np.empty((0, 3)))
         ranges += rng.normal(0.0, 0.005, geometry.size)
         scans[k] = dataclasses.replace(scans[k], ranges=np.maximum(ranges, geometry.range_min + 0.001))
-    return dataclasses.replace(course, scans=scans, judged=~under)
+    return dataclasses.replace(course, scans=scans, judged=~under, group=name)
 
 
-def spin(folder=None, seeds=SEEDS) -> list:
+@each(SPIN_LIDARS, SPINS, seeds=SEEDS)
+def spin(lidar, name, seed) -> Course:
     """Return lidars that rotate in place in furnished rooms, steadily or not."""
-    return [_spun(LIDARS[lidar], motion, seed, f'{lidar}_{name}')
-            for seed in seeds for lidar in SPIN_LIDARS for name, motion in SPINS.items()]
-
-
-def _spun(lidar, motion, seed, group):
     world = rooms(seed)
     x, y, heading = follow(world.tour).poses_at(np.array([10.0]))[0]
     times = np.arange(0.0, SPIN_SECONDS + 0.5, 0.01)
-    path = Path(times, np.column_stack((np.full(len(times), x), np.full(len(times), y), heading + motion(times))))
-    result = simulate(world, path, lidar, seed)
-    return Course(result.scans, reference=result.truth, group=group)
+    path = Path(times, np.column_stack((np.full(len(times), x), np.full(len(times), y), heading + SPINS[name](times))))
+    return driven(world, path, LIDARS[lidar], seed, f'{lidar}_{name}')
 
 
 COURSES = {'covered': covered, 'spin': spin, 'sparse': sparse, 'narrow': narrow, 'passers': passers, 'spinup': spinup}

@@ -15,7 +15,7 @@ from dbscan_reg_ros.core.geometry.se2 import as_vectors
 from dbscan_reg_ros.simulation import LIDARS, Path, World, corridor, follow, hall, rooms
 from dbscan_reg_ros.simulation.worlds import box, furnished, furniture, sides, wall
 
-from .course import driven, simulated
+from .course import Course, driven, each, simulated
 from .hard_courses import thinned
 from .moving_courses import BOTH
 from .places import hall_of_chairs, wood
@@ -61,52 +61,46 @@ def legs(x, y, heading, *pieces) -> Path:
     return Path(np.concatenate(times), np.concatenate(poses))
 
 
-def abreast(folder=None, seeds=SEEDS[:1]) -> list:
+@each(BOTH, seeds=SEEDS[:1])
+def abreast(lidar, seed) -> Course:
     """Return a hall of 40 x 30 m, an equal robot 0.9 m beside, another 1.3 m ahead, speeds within 5 %."""
-    courses = []
-    for lidar, seed in itertools.product(BOTH, seeds):
-        rng = np.random.default_rng(seed)
-        periods, phases = rng.uniform(4.0, 8.0, 2), rng.uniform(0.0, 2.0 * math.pi, 2)
+    rng = np.random.default_rng(seed)
+    periods, phases = rng.uniform(4.0, 8.0, 2), rng.uniform(0.0, 2.0 * math.pi, 2)
 
-        def robots(time, periods=periods, phases=phases):
-            sway = 0.05 * periods / (2.0 * math.pi) * np.sin(2.0 * math.pi * time / periods + phases)
-            return np.array(((0.0, 0.9, 0.25), (1.3, 0.0, 0.25))) + np.outer(sway, (1.0, 0.0, 0.0))
+    def robots(time, periods=periods, phases=phases):
+        sway = 0.05 * periods / (2.0 * math.pi) * np.sin(2.0 * math.pi * time / periods + phases)
+        return np.array(((0.0, 0.9, 0.25), (1.3, 0.0, 0.25))) + np.outer(sway, (1.0, 0.0, 0.0))
 
-        path = Path(np.array((0.0, 30.0)), np.array(((5.0, 15.0, 0.0), (35.0, 15.0, 0.0))))
-        courses.append(driven(hall(seed, 40.0, 30.0), path, LIDARS[lidar], seed, lidar, robots))
-    return courses
+    path = Path(np.array((0.0, 30.0)), np.array(((5.0, 15.0, 0.0), (35.0, 15.0, 0.0))))
+    return driven(hall(seed, 40.0, 30.0), path, LIDARS[lidar], seed, lidar, robots)
 
 
-def queue(folder=None, seeds=SEEDS[:1]) -> list:
+@each(BOTH, seeds=SEEDS[:1])
+def queue(lidar, seed) -> Course:
     """Return a queue of people 0.85 m apart between poles that moves up 0.8 m every 5 s, walls 8 m away."""
-    courses = []
-    for lidar, seed in itertools.product(BOTH, seeds):
-        rng = np.random.default_rng(seed)
-        pieces = [(rng.uniform(3.5, 4.5), 0.0, 0.0), *(8 * [(1.0, 0.8, 0.0), (4.0, 0.0, 0.0)])]
-        path = legs(0.0, 0.0, 0.0, *pieces)
-        people = []
-        for place in (-3, -2, -1, 1, 2, 3, 4):
-            late = legs(0.0, 0.0, 0.0, (pieces[0][0] - 0.15 * place + rng.uniform(-0.1, 0.1), 0.0, 0.0), *pieces[1:])
-            people.append(Walker(late, np.array((0.85 * place, rng.uniform(-0.1, 0.1)))))
-        poles = [(x, y, 0.03) for x in np.arange(-4.0, 12.0, 1.8) for y in (-0.6, 0.6)]
-        corners = np.array([(-8.0, -8.0), (14.0, -8.0), (14.0, 8.0), (-8.0, 8.0)])
-        world = World(sides(corners), path.poses[:, :2], np.array(poles), tuple(people))
-        courses.append(driven(world, path, LIDARS[lidar], seed, lidar))
-    return courses
+    rng = np.random.default_rng(seed)
+    pieces = [(rng.uniform(3.5, 4.5), 0.0, 0.0), *(8 * [(1.0, 0.8, 0.0), (4.0, 0.0, 0.0)])]
+    path = legs(0.0, 0.0, 0.0, *pieces)
+    people = []
+    for place in (-3, -2, -1, 1, 2, 3, 4):
+        late = legs(0.0, 0.0, 0.0, (pieces[0][0] - 0.15 * place + rng.uniform(-0.1, 0.1), 0.0, 0.0), *pieces[1:])
+        people.append(Walker(late, np.array((0.85 * place, rng.uniform(-0.1, 0.1)))))
+    poles = [(x, y, 0.03) for x in np.arange(-4.0, 12.0, 1.8) for y in (-0.6, 0.6)]
+    corners = np.array([(-8.0, -8.0), (14.0, -8.0), (14.0, 8.0), (-8.0, 8.0)])
+    world = World(sides(corners), path.poses[:, :2], np.array(poles), tuple(people))
+    return driven(world, path, LIDARS[lidar], seed, lidar)
 
 
-def hedge(folder=None, seeds=SEEDS[:1]) -> list:
+@each(BOTH, (False, True), seeds=SEEDS[:1])
+def hedge(lidar, fixed, seed) -> Course:
     """Return a hedge in which 30 % of the beams end 0 to 0.4 m inside: others in each scan, or at fixed places."""
-    courses = []
-    for lidar, fixed, seed in itertools.product(BOTH, (False, True), seeds):
-        rng, path = np.random.default_rng(seed), follow(np.array([(0.0, 0.0), (7.3, 0.0)]))
-        x = np.arange(-15.0, 23.0, 0.05)
-        y = -HEDGE - (rng.uniform(0.0, DEEP, len(x)) * (rng.random(len(x)) < SHARE) if fixed else np.zeros(len(x)))
-        leaves = np.stack((np.column_stack((x, y)), np.column_stack((x + 0.05, y))), axis=1)
-        course = driven(World(leaves, path.poses[:, :2]), path, LIDARS[lidar], seed,
-                        f'{lidar}_{"fixed" if fixed else "new"}')
-        courses.append(course if fixed else _scattered(course, rng))
-    return courses
+    rng, path = np.random.default_rng(seed), follow(np.array([(0.0, 0.0), (7.3, 0.0)]))
+    x = np.arange(-15.0, 23.0, 0.05)
+    y = -HEDGE - (rng.uniform(0.0, DEEP, len(x)) * (rng.random(len(x)) < SHARE) if fixed else np.zeros(len(x)))
+    leaves = np.stack((np.column_stack((x, y)), np.column_stack((x + 0.05, y))), axis=1)
+    course = driven(World(leaves, path.poses[:, :2]), path, LIDARS[lidar], seed,
+                    f'{lidar}_{"fixed" if fixed else "new"}')
+    return course if fixed else _scattered(course, rng)
 
 
 def _scattered(course, rng):
@@ -117,19 +111,17 @@ def _scattered(course, rng):
     return dataclasses.replace(course, scans=scans)
 
 
-def pillars(folder=None, seeds=SEEDS[:1]) -> list:
+@each(BOTH, PAUSES, seeds=SEEDS[:1])
+def pillars(lidar, pause, seed) -> Course:
     """Return equal pillars every 5 m, and a robot that turns by 90 deg right after a pause and drives on."""
-    courses = []
     places = 5.0 * np.arange(-4, 5)
     circles = np.array([(x, y, 0.25) for x in places for y in places])
-    for lidar, pause, seed in itertools.product(BOTH, PAUSES, seeds):
-        rng = np.random.default_rng(seed)
-        x, y = rng.uniform(1.2, 3.8, 2)
-        side = rng.choice((-0.5, 0.5)) * math.pi
-        path = legs(x, y, 0.0, (pause, 0.0, 0.0), (3.0, 0.0, side), (12.0, 8.0, 0.0))
-        world = World(np.empty((0, 2, 2)), path.poses[:, :2], circles)
-        courses.append(driven(world, path, LIDARS[lidar], seed, f'{lidar}_{pause:g}s'))
-    return courses
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(1.2, 3.8, 2)
+    side = rng.choice((-0.5, 0.5)) * math.pi
+    path = legs(x, y, 0.0, (pause, 0.0, 0.0), (3.0, 0.0, side), (12.0, 8.0, 0.0))
+    world = World(np.empty((0, 2, 2)), path.poses[:, :2], circles)
+    return driven(world, path, LIDARS[lidar], seed, f'{lidar}_{pause:g}s')
 
 
 def carried(folder=None, seeds=SEEDS[:1]) -> list:
@@ -167,36 +159,33 @@ def _other_room(seed):
     return furnished(walls, boxes, bins, np.concatenate(tours)), path
 
 
-def vacuum(folder=None, seeds=SEEDS[:1]) -> list:
+@each(BOTH, (5.0, 2.0), seeds=SEEDS[:1])
+def vacuum(lidar, rate, seed) -> Course:
     """Return a robot vacuum among chair legs, 0.3 m/s, that turns on the spot with 2 rad/s; scans at 5 and at 2 Hz."""
-    courses = []
     way = [(x, y) for k, y in enumerate(np.arange(4.2, 4.9, 0.3)) for x in ((3.0, 6.0) if k % 2 else (6.0, 3.0))]
-    for lidar, rate, seed in itertools.product(BOTH, (5.0, 2.0), seeds):
-        sensor = dataclasses.replace(LIDARS[lidar], rate=rate, duration=0.199)
-        path = follow(np.array(way), 0.3, turn_rate=2.0, pauses=dict.fromkeys(range(1, len(way)), 0.0))
-        courses.append(driven(hall_of_chairs(seed), path, sensor, seed, f'{lidar}_{rate:g}hz'))
-    return courses
+    sensor = dataclasses.replace(LIDARS[lidar], rate=rate, duration=0.199)
+    path = follow(np.array(way), 0.3, turn_rate=2.0, pauses=dict.fromkeys(range(1, len(way)), 0.0))
+    return driven(hall_of_chairs(seed), path, sensor, seed, f'{lidar}_{rate:g}hz')
 
 
-def lost_ticks(folder=None, seeds=SEEDS[:1]) -> list:
+@each(BOTH, ('tunnel', 'outdoors'), ('half', 'lost'), seeds=SEEDS[:1])
+def lost_ticks(lidar, place, kind, seed) -> Course:
     """Return wheels that measure half of the distance for 2 s, or nothing for 0.4 s, in a tunnel and outdoors."""
-    return _slipping(('half', 'lost'), seeds)
+    return _slipping(lidar, place, kind, seed)
 
 
-def slip(folder=None, seeds=SEEDS[:1]) -> list:
+@each(BOTH, ('tunnel', 'outdoors'), ('more',), seeds=SEEDS[:1])
+def slip(lidar, place, kind, seed) -> Course:
     """Return wheels that measure 1.4 times the distance for 2 s, in a tunnel with ribs and outdoors."""
-    return _slipping(('more',), seeds)
+    return _slipping(lidar, place, kind, seed)
 
 
-def _slipping(kinds, seeds):
-    places: dict[str, Callable] = {'tunnel': tunnel, 'outdoors': wood}
-    courses = []
-    for lidar, (place, make), kind, seed in itertools.product(BOTH, places.items(), kinds, seeds):
-        seconds, factor = SLIPS[kind]
-        slips = [(begin, begin + seconds, factor) for begin in SLIPS_AT]
-        course = simulated(make(seed), LIDARS[lidar], seed, seconds=35.0, slips=slips, speed=1.0)
-        courses.append(dataclasses.replace(course, group=f'{lidar}_{place}_{kind}'))
-    return courses
+def _slipping(lidar, place, kind, seed):
+    seconds, factor = SLIPS[kind]
+    slips = [(begin, begin + seconds, factor) for begin in SLIPS_AT]
+    world = {'tunnel': tunnel, 'outdoors': wood}[place](seed)
+    course = simulated(world, LIDARS[lidar], seed, seconds=35.0, slips=slips, speed=1.0)
+    return dataclasses.replace(course, group=f'{lidar}_{place}_{kind}')
 
 
 def tunnel(seed) -> World:
@@ -208,27 +197,25 @@ def tunnel(seed) -> World:
     return World(np.concatenate(walls + ribs), np.array([(0.0, 0.0), (40.0, 0.0)]))
 
 
-def sparse_crowd(folder=None, seeds=SEEDS[:1]) -> list:
+@each(BOTH, seeds=SEEDS[:1])
+def sparse_crowd(lidar, seed) -> Course:
     """Return key frames 1 s apart with gaps of 2.4 s in a hall, three people always within 2 m."""
-    courses = []
-    for lidar, seed in itertools.product(BOTH, seeds):
-        rng, world = np.random.default_rng(seed), hall(seed)
-        path = follow(world.tour).until(60.0)
-        people = []
-        for around in rng.uniform(-0.5, 0.5, 3):
-            angles = rng.uniform(0.0, 2.0 * math.pi) + around * path.times
-            away = np.column_stack((as_vectors(rng.uniform(0.9, 1.8) * np.exp(1j * angles)), np.zeros(len(angles))))
-            people.append(Walker(Path(path.times, path.poses + away), np.zeros(2)))
-        course = driven(dataclasses.replace(world, people=tuple(people)), path, LIDARS[lidar], seed, lidar)
-        times = np.cumsum(np.resize(KEPT, 50))
-        courses.append(course.take(np.searchsorted(course.seconds, times[times < course.seconds[-1]])))
-    return courses
+    rng, world = np.random.default_rng(seed), hall(seed)
+    path = follow(world.tour).until(60.0)
+    people = []
+    for around in rng.uniform(-0.5, 0.5, 3):
+        angles = rng.uniform(0.0, 2.0 * math.pi) + around * path.times
+        away = np.column_stack((as_vectors(rng.uniform(0.9, 1.8) * np.exp(1j * angles)), np.zeros(len(angles))))
+        people.append(Walker(Path(path.times, path.poses + away), np.zeros(2)))
+    course = driven(dataclasses.replace(world, people=tuple(people)), path, LIDARS[lidar], seed, lidar)
+    times = np.cumsum(np.resize(KEPT, 50))
+    return course.take(np.searchsorted(course.seconds, times[times < course.seconds[-1]]))
 
 
-def corridor_1m(folder=None, seeds=SEEDS[:1]) -> list:
+@each(BOTH, seeds=SEEDS[:1])
+def corridor_1m(lidar, seed) -> Course:
     """Return a corridor with doors, seen from key frames 1 m and 1 s apart."""
-    return [dataclasses.replace(thinned(simulated(corridor(seed=seed), LIDARS[lidar], seed), 1.0), group=lidar)
-            for lidar, seed in itertools.product(BOTH, seeds)]
+    return dataclasses.replace(thinned(simulated(corridor(seed=seed), LIDARS[lidar], seed), 1.0), group=lidar)
 
 
 COURSES: dict[str, Callable] = {
