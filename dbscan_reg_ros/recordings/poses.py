@@ -28,6 +28,29 @@ def unit_quaternion(quaternion) -> tuple:
     return tuple(value / math.sqrt(squared) for value in quaternion)
 
 
+def pose_of_transform(transform) -> tuple:
+    """Return translation ``(3,)`` [m] and unit quaternion ``(4,)`` (x, y, z, w) of a Transform message.
+
+    Raises a PoseError when its values are not valid.
+    """
+    t, q = transform.translation, transform.rotation
+    quaternion = unit_quaternion((q.x, q.y, q.z, q.w))
+    if not np.isfinite((t.x, t.y, t.z)).all():
+        raise PoseError(f'the translation is ({t.x:g}, {t.y:g}, {t.z:g}): expected finite numbers')
+    return np.array((t.x, t.y, t.z)), np.array(quaternion)
+
+
+def matrix_of(translation, quaternion):
+    """Return the matrix ``(4, 4)`` of a translation ``(3,)`` and a non-zero quaternion ``(4,)`` (x, y, z, w)."""
+    x, y, z, w = (quaternion / math.sqrt(quaternion @ quaternion)).tolist()
+    tx, ty, tz = translation.tolist()
+    return np.array([
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w), tx],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w), ty],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y), tz],
+        [0.0, 0.0, 0.0, 1.0]])
+
+
 def planar(x, y, quaternion) -> tuple:
     """Return x, y [m] and the heading [rad], the direction of the x axis, of a pose with a `quaternion` (x, y, z, w).
 

@@ -8,7 +8,7 @@ from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
 from ...core.scan import in_nanoseconds
-from ..interfaces.messages import matrix_from_pose, pose_from_message
+from ...recordings.poses import PoseError, matrix_of, pose_of_transform
 
 
 class NoTransformError(LookupError):
@@ -39,8 +39,9 @@ class TransformStore:
 
     def add(self, message: TransformStamped, static: bool) -> None:
         """Add a transform, unless its values are invalid."""
-        pose = pose_from_message(message.transform)
-        if pose is None:
+        try:
+            pose = pose_of_transform(message.transform)
+        except PoseError:
             return
         parent, child, stamp = message.header.frame_id, message.child_frame_id, in_nanoseconds(message.header.stamp)
         edges = self._static if static else self._moving
@@ -133,15 +134,15 @@ class _Edge:
     def at(self, stamp: int) -> tuple[NDArray[np.float64], bool]:
         """Return the matrix at the known time nearest to `stamp` [ns], and whether it is known at `stamp` itself."""
         if self.static:
-            return matrix_from_pose(*self._poses[-1]), True
+            return matrix_of(*self._poses[-1]), True
         after = bisect.bisect_left(self._stamps, stamp)
         if after == len(self._stamps):
-            return matrix_from_pose(*self._poses[-1]), False
+            return matrix_of(*self._poses[-1]), False
         if self._stamps[after] == stamp or after == 0:
-            return matrix_from_pose(*self._poses[after]), self._stamps[after] == stamp
+            return matrix_of(*self._poses[after]), self._stamps[after] == stamp
         (t0, q0), (t1, q1) = self._poses[after - 1], self._poses[after]
         ratio = (stamp - self._stamps[after - 1]) / (self._stamps[after] - self._stamps[after - 1])
-        return matrix_from_pose(t0 + ratio * (t1 - t0), _slerp(q0, q1, ratio)), True
+        return matrix_of(t0 + ratio * (t1 - t0), _slerp(q0, q1, ratio)), True
 
 
 def _slerp(q0: NDArray[np.float64], q1: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:

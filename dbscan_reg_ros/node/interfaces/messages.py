@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of scans, poses and markers to messages, and of poses and transforms from messages."""
-import math
+"""Conversion of scans, poses and markers to messages, and of poses from messages."""
 import struct
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Pose, PoseWithCovarianceStamped, Transform
+from geometry_msgs.msg import Pose, PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
@@ -17,7 +16,7 @@ from ...core.geometry.se2 import SE2
 from ...core.odometry.records import OdometryUpdate
 from ...core.scan import SECOND, Scan
 from ...recordings.message_fields import PLANE, filled, pose_fields, scan_fields, segments_fields, time_fields
-from ...recordings.poses import PoseError, planar, unit_quaternion
+from ...recordings.poses import PoseError, planar
 from ...robot.base_state import InitialPose
 
 Array = NDArray[np.float64]
@@ -47,33 +46,6 @@ def stamp_to_message(stamp: int) -> Time:
 def pose_to_message(pose: SE2) -> Pose:
     """Convert a planar pose to a Pose message."""
     return filled(Pose(), pose_fields(pose.as_array()))
-
-
-def pose_from_message(transform: Transform) -> tuple[Array, Array] | None:
-    """Convert a Transform message to translation ``(3,)`` and unit quaternion (x, y, z, w); None if invalid."""
-    t, q = transform.translation, transform.rotation
-    try:
-        quaternion = unit_quaternion((q.x, q.y, q.z, q.w))
-    except PoseError:
-        return None
-    return (np.array([t.x, t.y, t.z]), np.array(quaternion)) if all(map(math.isfinite, (t.x, t.y, t.z))) else None
-
-
-def matrix_from_pose(translation: Array, quaternion: Array) -> Array:
-    """Make the matrix ``(4, 4)`` of a translation ``(3,)`` and a non-zero quaternion ``(4,)`` (x, y, z, w)."""
-    x, y, z, w = (quaternion / math.sqrt(quaternion @ quaternion)).tolist()
-    tx, ty, tz = translation.tolist()
-    return np.array([
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w), tx],
-        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w), ty],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y), tz],
-        [0.0, 0.0, 0.0, 1.0]])
-
-
-def matrix_from_message(transform: Transform) -> Array | None:
-    """Convert a Transform message to a matrix ``(4, 4)``; None if it is invalid."""
-    pose = pose_from_message(transform)
-    return None if pose is None else matrix_from_pose(*pose)
 
 
 def planar_from_message(pose: Pose) -> SE2:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...core.geometry.mounting import Mounting, MountingError
 from ..playback import RENAMED, topic_of_transforms
-from ..poses import PoseError, unit_quaternion
+from ..poses import PoseError, matrix_of, pose_of_transform
 from .reading import open_reader, safely
 
 MOST = 1000
@@ -76,7 +76,7 @@ def _transforms_on(reader, name, scans, most=None):
         for transform in message.transforms:
             frame, parent = transform.child_frame_id.strip('/'), transform.header.frame_id.strip('/')
             try:
-                found = parent, _matrix(transform.transform)
+                found = parent, matrix_of(*pose_of_transform(transform.transform))
             except PoseError as error:
                 faults[frame] = f'the transform from {parent!r} to {frame!r} on {topic} is not valid: {error}'
                 continue
@@ -103,15 +103,3 @@ def _chain(parents, frame):
         frame, step = parents[frame]
         matrix = step @ matrix
     return frame, matrix
-
-
-def _matrix(transform):
-    """Return the matrix ``(4, 4)`` of a transform; raise a PoseError if its quaternion is not of length 1."""
-    q, t = transform.rotation, transform.translation
-    x, y, z, w = unit_quaternion((q.x, q.y, q.z, q.w))
-    matrix = np.eye(4)
-    matrix[:3, :3] = ((1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
-                      (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
-                      (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)))
-    matrix[:3, 3] = t.x, t.y, t.z
-    return matrix

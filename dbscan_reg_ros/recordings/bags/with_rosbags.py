@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS 1 and ROS 2 bags, read and written with `rosbags`."""
 import contextlib
-import functools
 import io
+from bz2 import BZ2Decompressor
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
+from lz4.frame import LZ4FrameDecompressor
 from rosbags import rosbag1, rosbag2
 from rosbags.convert.converter import create_connections_converters
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import (
     MessageDefinitionFormat,
+    Nodetype,
     Qos,
     QosDurability,
     QosHistory,
@@ -18,6 +21,9 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
+from rosbags.rosbag1 import reader as reader1
+from rosbags.rosbag2 import reader as reader2
+from rosbags.rosbag2 import storage_mcap as mcap
 from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from ...core.errors import RecordingError
@@ -31,7 +37,7 @@ LATCHED = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TR
 """Quality of service with which late subscribers receive a topic that is published once."""
 
 
-@functools.cache
+@cache
 def _types(version):
     """Return the message types of a ROS version; the code that reads and writes each of them is generated once."""
     types = get_typestore(version)
@@ -188,18 +194,11 @@ LIMIT = 64 * 2**20
 
 def limit_decompression():
     """Make `rosbags` unpack at most `LIMIT` bytes at a time for the rest of this process."""
-    from bz2 import BZ2Decompressor
-    from types import SimpleNamespace
-
-    from lz4.frame import LZ4FrameDecompressor
-    from rosbags.rosbag1 import reader as rosbag1
-    from rosbags.rosbag2 import reader as rosbag2
-    from rosbags.rosbag2 import storage_mcap as mcap
     zstd = mcap.zstd
     unpack_lz4, unpack_zstd = limited(LZ4FrameDecompressor), limited(zstd.ZstdDecompressor)
-    rosbag1.decompressors.update(bz2=limited(BZ2Decompressor), lz4=unpack_lz4)
+    reader1.decompressors.update(bz2=limited(BZ2Decompressor), lz4=unpack_lz4)
     mcap.DECOMPRESSORS.update(lz4=unpack_lz4, zstd=unpack_zstd)
-    rosbag2.zstd = SimpleNamespace(open=zstd.open, decompress=unpack_zstd)
+    reader2.zstd = SimpleNamespace(open=zstd.open, decompress=unpack_zstd)
 
 
 def limited(decompressor):
@@ -234,7 +233,6 @@ class MessageMaker:
     """Makes serialised ROS 2 messages; its `store` has the message types of ROS 2 Jazzy."""
 
     def __init__(self):
-        from rosbags.typesys import Stores, get_typestore
         self.store = get_typestore(Stores.ROS2_JAZZY)
         self._members = cache(self._members)
 
@@ -257,7 +255,6 @@ class MessageMaker:
 
     def _members(self, kind):
         """Return the class of a message type, the default of every field, and the type of each nested message field."""
-        from rosbags.interfaces import Nodetype
         defaults, parts = {}, {}
         for name, (node, detail) in self.store.fielddefs[kind][1]:
             if node == Nodetype.BASE:

@@ -14,7 +14,7 @@ from dbscan_reg_ros import SE2, OdometryUpdate, Scan, ScanError, ScanGeometry, S
 from dbscan_reg_ros.core.geometry.mounting import Mounting, MountingError
 from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.frames import transform_sender
-from dbscan_reg_ros.node.interfaces.messages import PreparedMessage, filled, matrix_from_message, scan_to_message
+from dbscan_reg_ros.node.interfaces.messages import PreparedMessage, filled, scan_to_message
 from dbscan_reg_ros.node.interfaces.outputs import ODOM_NUMBERS
 from dbscan_reg_ros.recordings.message_fields import (
     odometry_fields,
@@ -22,6 +22,7 @@ from dbscan_reg_ros.recordings.message_fields import (
     transform_fields,
     transform_numbers,
 )
+from dbscan_reg_ros.recordings.poses import PoseError, matrix_of, pose_of_transform
 from dbscan_reg_ros.robot.base_state import BaseState, base_state
 
 STAMP = 1_234_567_890_123_456_789
@@ -153,7 +154,7 @@ def quaternion(roll=0.0, pitch=0.0, yaw=0.0):
 @pytest.mark.parametrize('yaw', [-3.0, 0.5, 3.1])
 @pytest.mark.parametrize('roll', [0.1, math.pi, math.pi - 0.1])
 def test_a_transform_says_where_the_laser_sits_and_which_way_up(yaw, roll):
-    mounting = Mounting.from_matrix(matrix_from_message(quaternion(roll=roll, yaw=yaw)))
+    mounting = Mounting.from_matrix(matrix_of(*pose_of_transform(quaternion(roll=roll, yaw=yaw))))
     assert mounting.upside_down == (roll > 1.0)
     assert mounting.pose.as_array() == pytest.approx([0.2, -0.1, yaw])
 
@@ -161,11 +162,12 @@ def test_a_transform_says_where_the_laser_sits_and_which_way_up(yaw, roll):
 @pytest.mark.parametrize('tilt', [0.5, math.pi / 2.0, 2.5])
 def test_a_tilted_laser_is_refused(tilt):
     with pytest.raises(MountingError, match=f'tilted by {math.degrees(tilt):.0f} deg'):
-        Mounting.from_matrix(matrix_from_message(quaternion(roll=tilt)))
+        Mounting.from_matrix(matrix_of(*pose_of_transform(quaternion(roll=tilt))))
 
 
 @pytest.mark.parametrize('change', [{'w': 0.0}, {'w': math.nan}, {'w': 2.0}])
-def test_a_transform_without_a_rotation_is_none(change):
+def test_a_transform_without_a_rotation_is_refused(change):
     message = Transform()
     message.rotation.w = change['w']
-    assert matrix_from_message(message) is None
+    with pytest.raises(PoseError, match='expected one of length 1'):
+        pose_of_transform(message)

@@ -9,7 +9,7 @@ from ros_helpers import transform as transform_at
 
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.node.frames.transform_store import NoTransformError, TransformStore
-from dbscan_reg_ros.node.interfaces.messages import matrix_from_message
+from dbscan_reg_ros.recordings.poses import matrix_of, pose_of_transform
 
 SECOND = 1_000_000_000
 
@@ -43,7 +43,7 @@ def test_the_same_transforms_are_found_as_by_tf2_ros(store, seed):
             assert not known
         else:
             assert known
-            assert matrix == pytest.approx(matrix_from_message(found.transform), abs=1e-9)
+            assert matrix == pytest.approx(matrix_of(*pose_of_transform(found.transform)), abs=1e-9)
 
 
 def test_static_transforms_are_composed_along_the_tree(store):
