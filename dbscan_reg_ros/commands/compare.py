@@ -88,7 +88,7 @@ def compare(args):
     from ..recordings.truth import read_truth
     from ..replays.lidars import Lidars, parse_mountings
     from ..replays.result_folder import new_folder, point_latest
-    from .workers import processors, workers
+    from .workers import workers
 
     competitors = chosen(args)
     paths = [find_recording(file, args.data) for file in args.files]
@@ -106,7 +106,7 @@ def compare(args):
         note_warnings('compare', recording)
     if args.scheduler:
         paths = [path.absolute() for path in paths]
-    with workers(min(args.processes or processors(), len(competitors) * len(paths)), args.scheduler) as executor:
+    with workers(args.processes, args.scheduler, len(competitors) * len(paths)) as executor:
         trajectories = follow_all(executor, paths, lidars, competitors)
     names = unique([path.name for path in paths])
     comparisons = compared(dict(zip(names, zip(known, trajectories, strict=True), strict=True)), competitors, args.seed)

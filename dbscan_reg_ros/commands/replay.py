@@ -85,7 +85,7 @@ def replay(args):
     from ..replays.page.entries import write_replay_index
     from ..robot.parameter_files import read_parameters
     from ..robot.parameters import REPLAYED, NodeParameters
-    from .workers import processors, workers
+    from .workers import workers
 
     if args.map_out:
         if len(args.files) > 1:
@@ -102,7 +102,7 @@ def replay(args):
     args.out = place(Path(args.out))
     args.map_out, args.map = args.map_out and place(args.map_out), args.map and place(args.map)
     lidars = Lidars(topics, parse_mountings(args.mounting))
-    with workers(min(args.processes or processors(), len(args.files)), args.scheduler) as executor:
+    with workers(args.processes, args.scheduler, len(args.files)) as executor:
         futures = [executor.submit(replay_one, place(_path(file, args)), lidars, parameters, args)
                    for file in args.files]
         outcomes = [_outcome(future, args.verbose) for future in futures]

@@ -87,7 +87,7 @@ def tune(args):
     from ..tuning.space import read_axis
     from ..tuning.study import Study
     from .competitors import Competitor, follow_all
-    from .workers import processors, workers
+    from .workers import workers
 
     start = read_parameters(args.params_file) if args.params_file else NodeParameters()
     lidars = Lidars(scan_topics(args.topic, start), parse_mountings(args.mounting))
@@ -103,7 +103,7 @@ def tune(args):
     folder = Path(args.out or Path('results', 'tune', searched[0].name))
     study = Study(folder, settings, axes)
     print(f'search      {search}, {study.known} of {args.trials} trials known, stored in {folder}', flush=True)
-    with workers(args.processes or processors(), args.scheduler) as executor:
+    with workers(args.processes, args.scheduler) as executor:
         with progress(args.trials) as watch, said_when_interrupted(study, args.trials, folder):
             cost, values = study.run(args.trials, lambda trials: evaluated(executor, trials, start, task), watch)
         first = study.cost_of_start

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parallel work in local processes or on a Dask cluster, through the interface `concurrent.futures.Executor`."""
+import math
 import multiprocessing
 import os
 import signal
@@ -28,13 +29,15 @@ class SchedulerError(DbscanRegError):
 
 
 @contextmanager
-def workers(processes, scheduler=None):
-    """Provide an executor of `processes` local processes, or of the Dask cluster at the address `scheduler`.
+def workers(processes, scheduler=None, most=math.inf):
+    """Provide an executor of local processes, or of the Dask cluster at the address `scheduler`.
 
-    With one process, the work runs in this process. Submitted functions must be importable by other processes. An
-    interruption (Ctrl-C, SIGTERM or SIGHUP) is raised once all processes have ended, at most `PATIENCE` seconds later:
-    work that uses `watched` receives a KeyboardInterrupt and may write partial results; other work ends at once.
+    They are as many as `processes`, by default one for each processor, but at most `most`. With one process, the work
+    runs in this process. Submitted functions must be importable by other processes. An interruption (Ctrl-C, SIGTERM or
+    SIGHUP) is raised once all processes have ended, at most `PATIENCE` seconds later: work that uses `watched` receives
+    a KeyboardInterrupt and may write partial results; other work ends at once.
     """
+    processes = min(processes or len(os.sched_getaffinity(0)), most)
     if scheduler:
         opened = _cluster(scheduler)
     elif processes == 1:
@@ -87,11 +90,6 @@ def _interruptions():
         yield interrupted
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def processors() -> int:
-    """Return how many processes can run at the same time on this machine."""
-    return len(os.sched_getaffinity(0))
 
 
 class _Here(Executor):

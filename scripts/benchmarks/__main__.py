@@ -47,12 +47,6 @@ OURS_ONLY = ('node', 'soak', 'covariance', 'confidence', 'loops', 'ablation', 'p
 """No other method has what they measure."""
 SIMULATED = ('node', 'lidars', 'soak', 'covariance', 'overlap', 'sensors')
 """They need no recordings."""
-COURSES = ('intel', 'aces', 'urg04lx', 'lms511', 'rooms', 'corridors', 'halls', 'featureless', 'round', 'chairs',
-           'trees', 'lidars', 'leader', 'far_noise', 'losses', 'bursts', 'outages', 'scanner_front',
-           'scanner_rear', 'scanners', 'scanners_merged', 'dropped', 'noise', 'person',
-           'covered', 'spin', 'sparse', 'narrow', 'passers', 'spinup', 'curved', 'stops', 'pillar', 'doors',
-           'companions', 'ahead', 'abreast', 'queue', 'hedge', 'pillars', 'carried', 'vacuum', 'lost_ticks', 'slip',
-           'sparse_crowd', 'corridor_1m')
 
 
 def option(*names, **settings):
@@ -65,7 +59,7 @@ OPTIONS = {
     'odometry': [
         option('--view', choices=VIEWS, default='drift',
                help='; '.join(f'{name}: {summary}' for name, summary in VIEWS.items()) + ' (default: drift)'),
-        option('--course', nargs='+', metavar='NAME', help=f'only these, of {", ".join(COURSES)}'),
+        option('--course', nargs='+', metavar='NAME', help='only these; a wrong name lists all'),
         option('--prior', choices=('none', 'wheel', 'imu'), default='none',
                help='source of the external prior, for drift and honesty; wheel: the odometry of the log, '
                'compared with laser only on Intel; imu: the true rotations, 1 %% too large, with noise of '
@@ -96,13 +90,11 @@ OPTIONS = {
     'overlap': [
         option('--pairs', type=positive, default=500, metavar='N',
                help='of each class and world (default: 500)'),
-        option('--lidar', nargs='+', metavar='DEG', help='only these fields of view, of 180, 270, 360'),
-        option('--world', nargs='+', metavar='NAME',
-               help='only these, of corridors, halls, rooms, and each of them '
-               'after busy_: with people and clutter'),
-        option('--motion', nargs='+', metavar='NAME',
-               help='only these, of any and near (within 1.5 m and 0.6 rad)'),
-        option('--noise', nargs='+', metavar='NAME', help='only these, of low and high'),
+        option('--lidar', nargs='+', choices=('180', '270', '360'), help='only these fields of view [deg]'),
+        option('--world', nargs='+', help='only these; the busy ones with people and clutter',
+               choices=('corridors', 'halls', 'rooms', 'busy_corridors', 'busy_halls', 'busy_rooms')),
+        option('--motion', nargs='+', choices=('any', 'near'), help='only these; near: within 1.5 m and 0.6 rad'),
+        option('--noise', nargs='+', choices=('low', 'high'), help='only these'),
         PROCESSES],
     'ablation': [
         option('--feature', nargs='+', metavar='NAME', help='only these; a wrong name lists all'),

@@ -6,12 +6,12 @@ right status is ``DEGENERATE``, and the error depends on chance more than on the
 ``OK`` is expected, only where the true surfaces constrain the motion.
 """
 import math
-import os
 from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
 
+from dbscan_reg_ros.commands.workers import workers
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.core.registration.residuals import CORRIDOR_RATIO
@@ -59,14 +59,12 @@ def measure(args) -> Report:
     """Drive each lidar through each world, once for each seed."""
     from tqdm import tqdm
 
-    from dbscan_reg_ros.commands.workers import workers
-
     files = ready_made()
     chosen = args.sensor or files
     if unknown := [name for name in chosen if name not in files]:
         raise BenchmarkError(f'--sensor {unknown[0]}: expected {", ".join(files)}')
     lidars = [(file, lidar) for file in chosen for lidar in LIDARS_OF.get(file, (file,))]
-    with workers(args.processes or os.cpu_count()) as executor:
+    with workers(args.processes) as executor:
         jobs = {pair: [executor.submit(drive, pair[1], world, seed, args, files)
                        for world in WORLDS for seed in range(args.seeds)] for pair in lidars}
         rows = {lidar: judged(file, [job.result() for job in jobs[file, lidar]])

@@ -8,10 +8,10 @@ lower one sees the feet, the higher one the body.
 import dataclasses
 import itertools
 import math
-import os
 
 import numpy as np
 
+from dbscan_reg_ros.commands.workers import workers
 from dbscan_reg_ros.core.geometry.se2 import as_vectors
 from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.evaluation.metrics import evaluate
@@ -23,7 +23,7 @@ from ..odometry.courses import FRONT, REAR
 from ..odometry.drift import OURS, SeveralLidars
 from ..odometry.drift import follow as tracked
 from ..report import at_most
-from .watched import Watched
+from .several import Watched
 
 WORLDS = {'rooms': rooms, 'corridor': corridor, 'hall': hall}
 PAIRS = 20
@@ -53,9 +53,8 @@ BOUNDS = {'accused_count': at_most(0), 'accused_sparse_count': at_most(0), 'rati
 
 def add_table(report, args):
     """Add a table of each pair alone and together to a `Report`; a row for each world and one for all."""
-    from dbscan_reg_ros.commands.workers import workers
     pairs = range(min(PAIRS, EACH_SEED * args.seeds))
-    with workers(args.processes or os.cpu_count()) as executor:
+    with workers(args.processes) as executor:
         found = list(executor.map(judged, pairs, itertools.repeat(args.limit)))
     rows = {world: _summary([each for each in found if each['world'] == world]) for world in WORLDS
             if any(each['world'] == world for each in found)}

@@ -6,14 +6,16 @@ light of the other may cost a tenth of the accuracy.
 """
 import dataclasses
 import math
-import os
 import time
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from dbscan_reg_ros.commands.workers import workers
 from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.odometry.calibration.comparisons import LidarComparisons
+from dbscan_reg_ros.core.odometry.calibration.odd_one import named
 from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.evaluation.metrics import evaluate
 from dbscan_reg_ros.simulation import Lidar, corridor, follow, hall, rooms, simulate, with_people
@@ -23,6 +25,48 @@ from ..odometry.courses import FRONT, REAR
 from ..odometry.drift import OURS, SeveralLidars
 from ..odometry.drift import follow as tracked
 from ..report import at_most
+
+
+class Watched(LidarComparisons):
+    """Comparisons that keep when a lidar was named first, and how many scans of the further lidars were not used.
+
+    Attributes
+    ----------
+    names : int
+        Number of lidars that were named then: 0, 1 or, of two, both.
+    named_m : float
+        Distance driven until then [m]; NaN if none was named.
+    text : str
+        Why, with that distance; empty if none was named.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.names, self.named_m, self.text, self._left_out, self._judged = 0, math.nan, '', 0, 0
+
+    def uses(self, sensor, stamp, first_maps):
+        """Whether the scan of a `sensor` may change the track; counted once the lidar is known."""
+        uses = super().uses(sensor, stamp, first_maps)
+        lidar = self.lidars.get(sensor.name)
+        if lidar is not None and lidar.known:
+            self._judged += 1
+            self._left_out += not uses
+        return uses
+
+    def add(self, update, locate):
+        """Add the `update` of a scan."""
+        super().add(update, locate)
+        for lidar in () if self.names else self.lidars.values():
+            if lidar.disagrees or lidar.unfit:
+                texts = [str(each) for each in named(SE2(), list(self.lidars.values())) if each]
+                self.names, self.named_m = max(len(texts), 1), lidar.driven
+                self.text = f'{"; ".join(texts) or "unfit"}, after {lidar.driven:.0f} m'
+
+    @property
+    def unused(self) -> float:
+        """Fraction of the scans of known lidars that were not used."""
+        return self._left_out / max(self._judged, 1)
+
 
 KINDS = {'rooms': rooms, 'corridor': corridor, 'hall': hall,
          'wide corridor': lambda seed: corridor(width=3.5, doors=5, seed=seed),
@@ -41,13 +85,12 @@ DISTURBED = {'body': {'body': ((*SECTOR, 0.3),)}, 'talk': {'outliers': 0.01}}
 
 def add_tables(report, args):
     """Add those of `TABLES` that `args` names to a `Report`, by default all, with a row for all drives."""
-    from dbscan_reg_ros.commands.workers import workers
     tables = [TABLES[name] for name in TABLES if not args.only or name in args.only]
     if not tables:
         return
     cases = tuple(dict.fromkeys(case for table in tables for case in table.cases.values()))
     drives = [(kind, seed, cases, args.limit) for kind in KINDS for seed in range(args.seeds)]
-    with workers(args.processes or os.cpu_count()) as executor:
+    with workers(args.processes) as executor:
         found = list(executor.map(judged, *zip(*drives, strict=True)))
     kinds = {kind: [each for (name, *_), each in zip(drives, found, strict=True) if name == kind] for kind in KINDS}
     for table in tables:

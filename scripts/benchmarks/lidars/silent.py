@@ -5,10 +5,10 @@ Scanners are switched off by doors and cables: there may be no gap that a contro
 is surer or much less sure than that of the other lidar alone.
 """
 import math
-import os
 
 import numpy as np
 
+from dbscan_reg_ros.commands.workers import workers
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.sensor import FIRST
@@ -33,9 +33,8 @@ BOUNDS = {'gap_s': at_most(0.2), 'step_m': at_most(0.02), 'step_deg': at_most(0.
 
 def add_table(report, args):
     """Add a table with a row for each case to a `Report`: the worst of all drives."""
-    from dbscan_reg_ros.commands.workers import workers
     drives = [(kind, seed, rank, args.limit) for rank in CASES.values() for kind in KINDS for seed in range(args.seeds)]
-    with workers(args.processes or os.cpu_count()) as executor:
+    with workers(args.processes) as executor:
         found = list(executor.map(judged, *zip(*drives, strict=True)))
     rows = {case: {name: max(each[name] for drive, each in zip(drives, found, strict=True) if drive[2] == rank)
                    for name in BOUNDS} for case, rank in CASES.items()}

@@ -17,8 +17,7 @@ from ..odometry.courses import FRONT, REAR, scanners
 from ..odometry.drift import OURS, SeveralLidars, follow
 from ..report import Report, at_least, at_most
 from . import heights, silent
-from .several import add_tables
-from .watched import Watched
+from .several import Watched, add_tables
 
 LATE = 0.06
 MOUNTING = SE2(0.04, -0.03, math.radians(3.0))

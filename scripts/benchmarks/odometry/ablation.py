@@ -6,10 +6,10 @@ Each result is kept in a folder, by commit, course and feature, so that an inter
 import hashlib
 import json
 import math
-import os
 import subprocess
 from pathlib import Path
 
+from dbscan_reg_ros.commands.workers import workers
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.evaluation.methods import BenchmarkError
 from dbscan_reg_ros.evaluation.trackers import Ours
@@ -95,7 +95,7 @@ class Runner:
         settings = QUICK if args.quick else {'limit': None, 'drives': None, 'copies': 4}
         self._limit = args.limit or settings['limit']
         self._drives, self._copies = settings['drives'], args.copies or settings['copies']
-        self._processes = args.processes or os.cpu_count()
+        self._processes = args.processes
         self._data, self._built = data_folder(args.data), {}
         self._folder = args.cache / source_id() / f'{self._limit or "all"}_{self._drives or "all"}_{self._copies}'
 
@@ -125,7 +125,6 @@ class Runner:
 
     def _run(self, name, changes):
         """Return the means, and two standard errors of them, of the measures over noisy copies of a course."""
-        from dbscan_reg_ros.commands.workers import workers
         courses = self._courses(name)
         with workers(self._processes) as executor:
             jobs = [[executor.submit(judged_copy, changes, course, seed) for course in courses]

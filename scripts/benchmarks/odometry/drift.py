@@ -5,13 +5,13 @@ The bounds are what the odometry reached when they were set, with room for chanc
 noise OK or takes longer misses one of them.
 """
 import inspect
-import os
 import time
 from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from dbscan_reg_ros.commands.workers import workers
 from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.geometry.se2 import wrap
 from dbscan_reg_ros.core.parameters.tree import Parameters
@@ -222,9 +222,8 @@ def chosen(name, args, seeds=None) -> list:
 
 def in_copies(courses, methods, args) -> dict:
     """Means over noisy copies of the courses, and two standard errors of these, for each method."""
-    from dbscan_reg_ros.commands.workers import workers
     rows = {}
-    with workers(args.processes or os.cpu_count()) as executor:
+    with workers(args.processes) as executor:
         for method in methods:
             jobs = [[executor.submit(judged_copy, method, course, seed, args.prior) for course in courses]
                     for seed in range(args.copies)]

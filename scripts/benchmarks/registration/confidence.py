@@ -2,10 +2,10 @@
 """Confidence of registrations without a guess: its calibration, and the fit of the coefficients of its model."""
 import itertools
 import math
-import os
 
 import numpy as np
 
+from dbscan_reg_ros.commands.workers import workers
 from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
@@ -95,9 +95,8 @@ def of_cells(rows, args, seeds) -> list:
     """Return the `rows`, `judged` or `hypotheses`, of all cells and seeds."""
     from tqdm import tqdm
 
-    from dbscan_reg_ros.commands.workers import workers
     cells = [Cell(*words) for words in itertools.product(LIDARS, WORLDS, MOTIONS, NOISES)]
-    with workers(args.processes or os.cpu_count()) as executor:
+    with workers(args.processes) as executor:
         jobs = [executor.submit(of_cell, rows, cell, args.limit or PAIRS, seed) for cell in cells for seed in seeds]
         return [row for job in tqdm(jobs, 'confidence', unit=' cells', leave=False, disable=None)
                 for row in job.result()]

@@ -8,17 +8,17 @@ There is no bound: the table says from which overlap on a registration can be ex
 import dataclasses
 import itertools
 import math
-import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from dbscan_reg_ros.commands.workers import workers
 from dbscan_reg_ros.core.errors import DbscanRegError
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.registration.records import Status
-from dbscan_reg_ros.evaluation.methods import BenchmarkError, method
+from dbscan_reg_ros.evaluation.methods import method
 from dbscan_reg_ros.simulation import LIDARS, World, corridor, hall, rooms, with_people
 from dbscan_reg_ros.simulation.worlds import box, clearance
 
@@ -174,20 +174,17 @@ def measure(args) -> Report:
     """Every cell, several at a time."""
     from tqdm import tqdm
 
-    from dbscan_reg_ros.commands.workers import workers
     names = available(args.method or METHODS)
     cells = [Cell(*words) for words in itertools.product(
-        _chosen(args.lidar, LIDARS_BY_VIEW), _chosen(args.world, WORLDS), _chosen(args.motion, MOTIONS),
-                                                         _chosen(args.noise, NOISES))]
+        args.lidar or LIDARS_BY_VIEW, args.world or WORLDS, args.motion or MOTIONS, args.noise or NOISES)]
     report, wanted = Report(), args.limit or args.pairs
-    with workers(args.processes or os.cpu_count()) as executor:
+    with workers(args.processes) as executor:
         jobs = [executor.submit(outcomes, cell, wanted, names) for cell in cells]
         found = [job.result() for job in tqdm(jobs, 'overlap', unit=' cells', leave=False, disable=None)]
     for name in names:
         rows = {str(cell): rates(each[name]) for cell, each in zip(cells, found, strict=True)}
         rows['all'] = rates(np.concatenate([each[name] for each in found]))
         report.add_courses('overlap', rows, name)
-        report.tables[-1] = table(name, rows)
     return report
 
 
@@ -203,31 +200,3 @@ def available(names) -> list:
                 raise
             print(f'left out: {missing}', file=sys.stderr)
     return found
-
-
-def _chosen(asked, known):
-    for name in asked or ():
-        if name not in known:
-            raise BenchmarkError(f'unknown {name!r}; expected {", ".join(known)}')
-    return asked or list(known)
-
-
-def table(name, rows) -> str:
-    """For each cell and class: right [%]; OK and wrong of OK; right ones called OK [%]."""
-    lines = [f'{name}: right [%]; OK and wrong of OK; right ones called OK [%]',
-             f'{"":28}' + ''.join(f'{"view " + each.replace("_", "-") + " %":>28}'
-                                  for each in CLASSES) + f'{"precision":>11}{"recall":>8}']
-    for cell, row in rows.items():
-        line = f'{cell:28}'
-        for each in CLASSES:
-            text = '-'
-            if f'{each}_right' in row:
-                text = (f'{100 * row[f"{each}_right"]:.1f}; {row[f"{each}_wrong_count"]} of {row[f"{each}_ok_count"]}; '
-                        f'{_percent(row[f"{each}_recall"])}')
-            line += f'{text:>28}'
-        lines.append(f'{line}{_percent(row["precision"]):>11}{_percent(row["recall"]):>8}')
-    return '\n'.join(lines)
-
-
-def _percent(value):
-    return '-' if math.isnan(value) else f'{100.0 * value:.1f}'
