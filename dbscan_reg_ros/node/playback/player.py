@@ -7,15 +7,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import rclpy
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from rcl_interfaces.srv import GetParameters
-from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -30,6 +26,7 @@ from ...recordings.bags.bag import LASER_SCAN
 from ...recordings.message_fields import filled, message_class
 from ...recordings.playback import Channel, Played, Timeline
 from ..interfaces.messages import scan_to_message, stamp_to_message
+from ..own_node import POLL, OwnNode
 
 
 class Pace:
@@ -91,29 +88,20 @@ SILENCE = 250_000_000
 """Time [ns] without a scan after which the scans of other lidars are published in real time."""
 CLOCK_PERIOD = 0.025
 """Interval [s] between messages on /clock."""
-POLL = 0.02
-"""Interval [s] at which the ROS graph is checked."""
-RETRY = 1.0
-"""A service call is repeated after this time [s]: the response is lost until the server has discovered the client."""
 
 
 class PlayerError(DbscanRegError):
     """No node subscribes to the scans of the player, or the node does not respond."""
 
 
-class Player:
-    """ROS node that publishes scans on a `topic` and subscribes to ``odom``; use it in a ``with`` statement.
+class Player(OwnNode):
+    """Node that publishes scans on a `topic` and subscribes to ``odom``; with `clock` it publishes ``/clock``, too.
 
-    `arguments` are ROS arguments, for example ``['--ros-args', '-r', 'scan:=laser']``; with `clock` also ``/clock`` is
-    published. `answers` has the odometry for the scans that are being played.
+    `arguments` are those of `OwnNode`. `answers` has the odometry for the scans that are being played.
     """
 
     def __init__(self, arguments: Sequence[str] = (), clock: bool = False, topic: str = 'scan') -> None:
-        self._context = Context()
-        rclpy.init(args=['play', *arguments], context=self._context)
-        self._node = Node('play', context=self._context, enable_rosout=False)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        super().__init__('play', arguments)
         self._scans = self._node.create_publisher(LaserScan, topic, DEPTH)
         self._odom = self._node.create_subscription(Odometry, 'odom', self._on_odometry, DEPTH)
         self._channels: dict[Channel, tuple[type, Publisher]] = {}
@@ -130,18 +118,6 @@ class Player:
         self._waiting: deque[int] = deque(maxlen=DEPTH)
         self._published: list[float] = []
         self._last_answer = time.monotonic()
-
-    def __enter__(self) -> 'Player':
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Destroy the ROS node of the player."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
 
     def announce(self, channels: Iterable[Channel]) -> list[str]:
         """Create a publisher for each channel of a recording; return a warning for each that cannot be played."""
@@ -175,7 +151,10 @@ class Player:
                                   f'start one: {command_line("scan_matcher")}')
             self._executor.spin_once(POLL)
         for name in nodes:
-            self._wait_for_discovery(name, deadline, required=answering)
+            response = self.ask(GetParameters, f'{name}/get_parameters', GetParameters.Request(), deadline)
+            if response is None and answering:
+                raise PlayerError(f'the node {name} subscribes to {self._scans.topic_name}, but does not respond; is '
+                                  'it blocked?')
 
     def _subscribers(self, answering: bool) -> set[str]:
         """Full names of the nodes that subscribe to the scans of the player."""
@@ -183,24 +162,6 @@ class Player:
         if answering:
             names &= _node_names(self._node.get_publishers_info_by_topic(self._odom.topic_name))
         return names
-
-    def _wait_for_discovery(self, name: str, deadline: float, required: bool) -> None:
-        """Call a service of a node until it responds; if `required`, raise PlayerError at the `deadline`."""
-        client = self._node.create_client(GetParameters, f'{name}/get_parameters')
-        try:
-            while time.monotonic() < deadline:
-                if not client.service_is_ready():
-                    self._executor.spin_once(POLL)
-                    continue
-                future = client.call_async(GetParameters.Request())
-                self._executor.spin_until_future_complete(future, RETRY)
-                if future.done():
-                    return
-        finally:
-            self._node.destroy_client(client)
-        if required:
-            raise PlayerError(f'the node {name} subscribes to {self._scans.topic_name}, but does not respond; is it '
-                              'blocked?')
 
     def play(self, items: Iterable[Scan | Played], rate: float | None = None, window: int = WINDOW,
              patience: float = 2.0) -> Answers:

@@ -6,13 +6,10 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from rcl_interfaces.srv import GetParameters
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -34,6 +31,7 @@ from ..interfaces.graph_checks import UNNAMED, full_name, publishers
 from ..interfaces.messages import PoseError, planar_from_message, stamp_to_message
 from ..interfaces.scan_input import TYPES
 from ..interfaces.scan_reader import ScanMessage, ScanReader
+from ..own_node import OwnNode
 from ..rclpy_internals import NO_SUBSCRIPTION_EVENTS
 from ..throttled_log import ThrottledLog
 
@@ -62,8 +60,8 @@ class WatchedScan(NamedTuple):
     """[m/s]"""
 
 
-class Listener:
-    """ROS node that subscribes to ``scan``, ``odom`` and ``/diagnostics`` between `subscribe` and `unsubscribe`.
+class Listener(OwnNode):
+    """Node that subscribes to ``scan``, ``odom`` and ``/diagnostics`` between `subscribe` and `unsubscribe`.
 
     If the node has other or several lidars, it subscribes to the scans of each, and passes on the scans whose stamps
     are those of odometry messages: to `on_scan` as `WatchedScan`. `on_report` gets level (0 to 3) and message of each
@@ -73,11 +71,7 @@ class Listener:
     def __init__(self, on_scan: Callable[[WatchedScan], None], on_report: Callable[[int, str], None],
                  on_node: Callable[[str], None], arguments: Sequence[str] = ()) -> None:
         self._on_scan, self._on_report, self._on_node = on_scan, on_report, on_node
-        self._context = Context()
-        rclpy.init(args=['watch', *arguments], context=self._context)
-        self._node = Node('watch', context=self._context, enable_rosout=False, start_parameter_services=False)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        super().__init__('watch', arguments, start_parameter_services=False)
         self._subscriptions: list[Subscription] = []
         self._timer = self._node.create_timer(0.5, self._look_for_node)
         self._lidars: WatchedLidars | None = None
@@ -94,14 +88,6 @@ class Listener:
             self._lidars.close()
         self._lidars = None
         self._transforms = TransformStore()
-
-    def __enter__(self) -> 'Listener':
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
 
     @property
     def topics(self) -> list[str]:
