@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small bags for tests."""
+"""Small bags for tests, and what a bag and the results of a replay hold."""
 import importlib.util
+import json
 
 import numpy as np
 import pytest
@@ -39,6 +40,27 @@ def scan_bag(path, scans):
     return write_bag(path,
                      [(topic, scan.stamp, bytes(maker.serialize('sensor_msgs/msg/LaserScan', scan_fields(scan))))
                       for topic, each in of_topics.items() for scan in each])
+
+
+def open_bag(path):
+    """A bag of either version, with the messages of Jazzy where it does not say what its own are."""
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+    return AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+
+
+def messages(path, *topics):
+    """Topic, record time [ns] and message of everything in a bag, or on the topics."""
+    with open_bag(path) as reader:
+        return [(each.topic, time, reader.deserialize(raw, each.msgtype)) for each, time, raw in reader.messages()
+                if each.topic in topics or not topics]
+
+
+def replayed(recording, out, *words):
+    """The measures of a replay into the folder `out`."""
+    from dbscan_reg_ros.commands.replay import main
+    assert main([str(recording), '--out', str(out), *map(str, words)]) == 0
+    return json.loads((out / recording.name / 'latest' / 'metrics.json').read_text())
 
 
 def every_format(folder, scans=8):

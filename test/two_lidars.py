@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A drive of a base with two lidars at opposite corners."""
+"""Drives of a base with two lidars at opposite corners."""
 import heapq
 import math
 
 import numpy as np
 
+from dbscan_reg_ros.commands.simulate import main as simulate_command
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
@@ -20,3 +21,12 @@ def drive_of_two_lidars():
                    for frame, mounting, rate, phase in (('front', FRONT, 12.5, 0.0), ('rear', REAR, 15.0, 0.019)))
     scans = list(heapq.merge(front.scans, rear.scans, key=lambda scan: scan.stamp))
     return scans, lambda stamp: SE2.from_array(path.poses_at(np.array([1e-9 * (stamp - scans[0].stamp)]))[0])
+
+
+def bag_of_two_lidars(bag, *words):
+    """Write a bag of lidars at (0.3, 0.2, 45) and (-0.3, -0.2, -135) [m, m, deg], 12.5 and 15 Hz, in a corridor."""
+    scanner = ('--lidar hokuyo_utm30lx --beams 361 --angle-increment 0.75 --duration 0.05 --at {} --rate {} '
+               '--phase {}')
+    front, rear = scanner.format('0.3 0.2 45', 12.5, 0.0), scanner.format('-0.3 -0.2 -135', 15, 0.019)
+    assert simulate_command([str(bag), '--world', 'corridor', *front.split(), *rear.split(), *words]) == 0
+    return bag

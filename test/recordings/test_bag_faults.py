@@ -42,13 +42,6 @@ def test_unreadable_public_bags_are_refused_with_cause_and_remedy(cases, name, w
     assert what in message and help in message
 
 
-def test_the_file_that_the_message_names_is_read(cases):
-    for folder, file in (('unpacked_by_hand', 'mcap_FILE.mcap'), ('storage_identifier_empty', 'mcap_plain.mcap')):
-        path = cases / 'unclear_bag_messages' / folder / file
-        assert str(path) in refusal(path.parent)
-        assert len(open_recording(path).stamps()) == 100
-
-
 def test_a_bag_that_is_still_recorded_asks_for_its_index(cases, tmp_path):
     path = tmp_path / 'drive.bag.active'
     shutil.copyfile(cases / 'unclear_bag_messages' / 'cut.bag', path)
@@ -73,10 +66,7 @@ def change_metadata(folder, old, new):
      "says storage 'mcap', bag.db3 is an sqlite3 file"),
     ('mcap', '- bag.mcap', '- other.mcap', 'names other.mcap, which is not there'),
     ('mcap', 'rosbag2_bagfile_information', 'something_else', 'its metadata.yaml is damaged'),
-    ('mcap', 'version: 9', 'version: [', 'its metadata.yaml is damaged'),
     ('mcap', 'version: 9', 'version: 99', 'or of a version that is not known here'),
-    ('mcap', 'version: 9', 'version: x', 'its metadata.yaml is damaged'),
-    ('mcap', 'starting_time', 'started', 'its metadata.yaml is damaged'),
     ('sqlite3', 'topics_with_message_count', 'topics', 'its metadata.yaml is damaged'),
 ])
 def test_a_metadata_file_that_is_wrong_names_the_file_to_name_instead(tmp_path, storage, old, new, reason):
@@ -152,10 +142,9 @@ def split_bag(folder, storage):
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-@pytest.mark.parametrize('number', [1])
 @pytest.mark.parametrize('damage', ['missing', 'start', 'within'])
-def test_of_a_split_bag_the_sound_files_are_read_and_the_other_is_named(tmp_path, storage, number, damage):
-    file = split_bag(tmp_path / 'bag', storage)[number]
+def test_of_a_split_bag_the_sound_files_are_read_and_the_other_is_named(tmp_path, storage, damage):
+    file = split_bag(tmp_path / 'bag', storage)[1]
     content = file.read_bytes()
     if damage == 'missing':
         file.unlink()
@@ -166,7 +155,7 @@ def test_of_a_split_bag_the_sound_files_are_read_and_the_other_is_named(tmp_path
         file.write_bytes(content[:middle] + b'\x05' * 200 + content[middle + 200:])
     recording = open_recording(tmp_path / 'bag')
     stamps = recording.stamps()
-    assert set(range(1, 13)) - set(range(1 + 4 * number, 5 + 4 * number)) <= set(stamps)
+    assert set(range(1, 13)) - set(range(5, 9)) <= set(stamps)
     assert any(file.name in problem for problem in recording.problems)
 
 

@@ -83,11 +83,23 @@ def test_truth_and_wheels_of_public_logs(cases, name, truth, wheels):
         assert any('particle filter' in note for note in recording.notes)
 
 
+BEND = np.array([(0.3 * k, 0.02 * k * k, 0.05 * k) for k in range(12)])
+"""Poses of wheels around a bend."""
+
+
+def test_odom_lines_beside_corrected_poses_are_the_wheels(tmp_path):
+    truth = compose(BEND, np.random.default_rng(3).normal(0.0, 0.05, BEND.shape))
+    lines = [line for k in range(12) for line in (odom(k, BEND[k]), flaser(k, truth[k]))]
+    recording = open_recording(write_log(tmp_path / 'a.log', *lines))
+    assert recording.notes == [DIFFER]
+    assert np.abs(recording.wheel_odometry()[1] - BEND).max() < 1e-8
+    assert np.abs(recording.truth()[1] - truth).max() < 1e-8
+
+
 def test_odom_lines_between_the_scans_of_a_raw_log_are_no_correction(tmp_path):
-    wheels = np.array([(0.3 * k, 0.02 * k * k, 0.05 * k) for k in range(12)])
-    scans = compose(wheels[:-1], 0.5 * relative(wheels[:-1], wheels[1:]))
-    lines = [line for k in range(11) for line in (odom(k, wheels[k]), flaser(k + 0.5, scans[k]))]
-    recording = open_recording(write_log(tmp_path / 'a.log', *lines, odom(11, wheels[11])))
+    scans = compose(BEND[:-1], 0.5 * relative(BEND[:-1], BEND[1:]))
+    lines = [line for k in range(11) for line in (odom(k, BEND[k]), flaser(k + 0.5, scans[k]))]
+    recording = open_recording(write_log(tmp_path / 'a.log', *lines, odom(11, BEND[11])))
     assert recording.notes == [] and recording.truth() is None
     assert np.abs(recording.wheel_odometry()[1] - scans).max() < 1e-8
 

@@ -32,15 +32,6 @@ def related_errors(rng, count=800, reach=20):
     return 0.01 + 0.003 * smooth
 
 
-@pytest.fixture
-def compare(hall_recording, tmp_path, capsys):
-    """``compare(a, b) -> exit code, printed, comparison.json``."""
-    def compare(a, b, *words):
-        code = main([str(a), str(b), str(hall_recording), *words, '--processes', '1', '--out', str(tmp_path)])
-        return code, capsys.readouterr(), json.loads((tmp_path / 'compare/latest/comparison.json').read_text())
-    return compare
-
-
 @pytest.mark.long
 def test_equal_ones_are_called_different_in_at_most_8_of_100_cases():
     """Errors that resemble their neighbours, in three recordings, of two methods that are equally good."""

@@ -43,15 +43,6 @@ def write(truth, tmp_path):
     return write
 
 
-@pytest.fixture
-def compare(hall_recording, tmp_path, capsys):
-    """``compare(a, b, *words) -> exit code, printed, comparison.json``."""
-    def compare(a, b, *words):
-        code = main([str(a), str(b), str(hall_recording), *map(str, words), '--processes', '1', '--out', str(tmp_path)])
-        return code, capsys.readouterr(), json.loads((tmp_path / 'compare/latest/comparison.json').read_text())
-    return compare
-
-
 def test_trajectories_of_other_programs_are_compared_and_only_b_sets_the_exit_status(compare, write):
     a, b, c = write('a', 0.002), write('b', 0.002, seed=1), write('c', 0.02, seed=2)
     code, printed, content = compare(a, b, '--trajectory', c)
@@ -77,19 +68,15 @@ def test_the_pose_of_the_sensor_on_the_body_is_taken_into_account(compare, write
     assert 'hall, B: with the sensor at about 0.30,-0.10,90 on these poses the root mean' in printed.out
 
 
-@pytest.mark.parametrize(('left_out', 'judged'), [(0.15, False)])
-def test_a_trajectory_that_leaves_out_the_hard_part_gets_no_verdict(compare, write, left_out, judged):
+def test_a_trajectory_that_leaves_out_the_hard_part_gets_no_verdict(compare, write):
     """Its poses are the true ones elsewhere."""
     def kept(numbers):
-        return (numbers < 60) | (numbers >= 60 + left_out * len(numbers))
+        return (numbers < 60) | (numbers >= 60 + 0.15 * len(numbers))
     code, printed, content = compare(write('a', 0.002), write('b', 0.0, kept=kept))
-    assert content['judged'] is judged and content['coverage']['hall'] == pytest.approx(1.0 - left_out, abs=0.005)
+    assert content['judged'] is False and content['coverage']['hall'] == pytest.approx(0.85, abs=0.005)
     assert re.search(r'^hall +B has a pose for \d\d\.\d % of the scans with a pose of A$', printed.out, re.MULTILINE)
-    if judged:
-        assert code == 0 and 'B is better in translation' in printed.out
-    else:
-        assert code == 3 and 'B is not judged: it has poses for less than 90 % of the scans.' in printed.out
-        assert 'better' not in printed.out and 'worse' not in printed.out
+    assert code == 3 and 'B is not judged: it has poses for less than 90 % of the scans.' in printed.out
+    assert 'better' not in printed.out and 'worse' not in printed.out
 
 
 def test_scans_that_one_trajectory_lacks_are_left_out_of_both(compare, truth, tmp_path):
@@ -118,11 +105,8 @@ def test_a_folder_holds_a_trajectory_for_each_recording(compare, write, tmp_path
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(('noise', 'verdict'), [
-    (0.002, 'neither better nor worse'), (0.02, 'worse in translation and worse in rotation')])
-def test_a_recording_without_a_trajectory_is_not_judged_and_the_others_are(write, noise, verdict, tmp_path,
-                                                                           hall_recording, capsys):
-    names = [write('a', 0.002), write('b', noise, seed=1)]
+def test_a_recording_without_a_trajectory_is_not_judged_and_the_others_are(write, tmp_path, hall_recording, capsys):
+    names, verdict = [write('a', 0.002), write('b', 0.02, seed=1)], 'worse in translation and worse in rotation'
     shutil.copytree(hall_recording, tmp_path / 'room')
     for folder, name, recordings in zip(('ours', 'theirs'), names, (('hall', 'room'), ('room',)), strict=True):
         (tmp_path / folder).mkdir()
@@ -130,7 +114,7 @@ def test_a_recording_without_a_trajectory_is_not_judged_and_the_others_are(write
             shutil.copy(name.partition('=')[2], tmp_path / folder / f'{recording}.tum')
     ours, theirs = (f'{name}={tmp_path}/{name}' for name in ('ours', 'theirs'))
     given = [str(hall_recording), str(tmp_path / 'room'), '--processes', '1', '--out', str(tmp_path)]
-    assert main([ours, theirs, *given]) == (3 if verdict.startswith('neither') else 1)
+    assert main([ours, theirs, *given]) == 1
     printed = capsys.readouterr()
     missing = f'no such trajectory: {tmp_path}/theirs/hall.tum'
     assert printed.err.startswith(f'compare: theirs: {missing}; not judged on hall\ncompare: hall, ours ...\n')
@@ -168,18 +152,12 @@ def test_an_error_in_a_method_of_ones_own_names_it_and_what_it_is_called_with(ha
         'was called with two scans (Scan), reference and current, and a guess (SE2) (-v shows where)\n')
 
 
-@pytest.mark.parametrize('form', ['tum'])
-def test_the_truth_is_read_from_a_file(compare, write, truth, form, tmp_path):
+def test_the_truth_is_read_from_a_file(compare, write, truth, tmp_path):
     """That of the file counts, not that of the bag: all is twice as large in it."""
     stamps, poses = truth
-    large = poses * (2.0, 2.0, 1.0)
-    file = tmp_path / f'known.{form}'
-    if form == 'csv':
-        write_csv(file, large)
-    else:
-        write_tum(file, stamps, large)
-    write_tum(tmp_path / 'large.tum', stamps, large)
-    code, _, content = compare(f'large={tmp_path}/large.tum', write('small', 0.0), '--truth', file)
+    large = tmp_path / 'large.tum'
+    write_tum(large, stamps, poses * (2.0, 2.0, 1.0))
+    code, _, content = compare(f'large={large}', write('small', 0.0), '--truth', large)
     assert code == 1 and content['differences']['all']['m']['a'] < 1e-6
     assert content['differences']['all']['m']['b'] > 0.4
 
@@ -235,29 +213,16 @@ def test_the_notes_count_which_stamps_match_and_why_others_do_not(compare, write
     assert re.search(rf'^hall +B half +{len(kept)} \+ {interpolated} of {count} ', printed.out, re.MULTILINE)
 
 
-def test_stamps_of_another_clock_are_named(compare, write, truth, tmp_path):
-    stamps, poses = truth
-    write_tum(tmp_path / 'other.tum', stamps - stamps[0] + 10**9, poses)
-    code, _, content = compare(write('a', 0.0), f'other={tmp_path}/other.tum')
-    assert code == 3 and content['coverage']['hall'] == 0.0
-    count, last = len(stamps), 1e-9 * (stamps[-1] - stamps[0]) + 1.0
-    assert content['table'][1]['notes'][0] == (
-        f'0 of {count} scans have the stamp of a pose; {count} have no pose: {count} after the last pose, {last:.3f} '
-        f's (the stamps of the scans go from {1e-9 * stamps[0]:.3f} to {1e-9 * stamps[-1]:.3f} s: expected the '
-        'same stamps in the trajectory file, in seconds)')
-
-
 def test_a_truth_of_another_clock_is_refused(write, truth, tmp_path, hall_recording, capsys):
     stamps, poses = truth
     write_tum(tmp_path / 'other.tum', stamps - stamps[0] + 10**9, poses)
     assert main([write('a', 0.0), 'identity', str(hall_recording), '--truth', str(tmp_path / 'other.tum'),
                  '--processes', '1', '--out', str(tmp_path)]) == 2
-    count = len(stamps)
-    assert capsys.readouterr().err.endswith(
-        f'compare: too few scans have a true pose: 0 of {count} scans have the stamp of a pose; {count} have no pose: '
-        f'{count} after the last pose, {1e-9 * (stamps[-1] - stamps[0]) + 1.0:.3f} s (the stamps of the scans go from '
-        f'{1e-9 * stamps[0]:.3f} to {1e-9 * stamps[-1]:.3f} s: expected the same stamps in the trajectory file, in '
-        'seconds)\n')
+    error = capsys.readouterr().err
+    assert f'compare: too few scans have a true pose: 0 of {len(stamps)} scans have the stamp of a pose; ' in error
+    assert f'{len(stamps)} after the last pose, {1e-9 * (stamps[-1] - stamps[0]) + 1.0:.3f} s' in error
+    assert f'the stamps of the scans go from {1e-9 * stamps[0]:.3f} to {1e-9 * stamps[-1]:.3f} s' in error
+    assert 'in the trajectory file, in seconds' in error
 
 
 def test_scans_outside_the_truth_and_in_its_holes_are_counted_and_not_judged(compare, write, truth, tmp_path):

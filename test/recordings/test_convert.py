@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from bags import SECOND, laser_scan, needs_rosbags, write_bag
+from bags import SECOND, laser_scan, messages, needs_rosbags, write_bag
 
 from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.commands.convert import main
@@ -16,14 +16,6 @@ from dbscan_reg_ros.recordings.conversion import Gap, Kept, convert
 from dbscan_reg_ros.recordings.poses import relative
 
 BAGS = ['lms511/static', pytest.param('urg04lx/exp1', marks=pytest.mark.long), 'ccny_demo/demo.bag']
-
-
-def messages(path):
-    """Topic, record time and message of everything in a bag."""
-    from rosbags.highlevel import AnyReader
-    with AnyReader([path]) as reader:
-        return [(connection.topic, time, reader.deserialize(raw, connection.msgtype))
-                for connection, time, raw in reader.messages()]
 
 
 def stamp_of(message):
@@ -131,14 +123,6 @@ def test_a_lidar_fails_and_comes_back(tmp_path):
     assert found['/front'] == [0.5 * k for k in range(2, 20)]
     assert found['/rear'] == [1.0, 1.5, *(0.5 * k for k in range(9, 17))] and counts == {'/front': 18, '/rear': 10}
     assert remarks == ['/rear: 5 messages from 2 to 4 s left out', '/rear: 3 messages from 8.5 to inf s left out']
-
-
-def test_a_time_range_of_a_log_follows_the_increasing_times(data, tmp_path):
-    convert(data / 'intel' / 'intel.log.gz', tmp_path / 'part.log', Kept(start=100.0, end=200.0))
-    stamps = open_recording(data / 'intel' / 'intel.log.gz').stamps()
-    passed = (np.maximum.accumulate(stamps) - stamps[0]) / SECOND
-    expected = [stamp for stamp, time in zip(stamps, passed, strict=True) if 100.0 <= time <= 200.0]
-    assert abs(len(open_recording(tmp_path / 'part.log').stamps()) - len(expected)) <= 1
 
 
 def test_what_is_no_scan_passes_from_bag_to_bag(tmp_path):

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 import pytest
-from bags import needs_rosbags
+from bags import messages, needs_rosbags
 
 from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.recordings import read_tum
@@ -128,8 +128,6 @@ def test_an_interrupted_search_ends_at_once_and_keeps_its_trials(begun, recordin
 
 @needs_rosbags
 def test_an_interrupted_replay_ends_at_once_with_what_it_has(begun, recordings, tmp_path):
-    from rosbags.highlevel import AnyReader
-
     def replaying():
         return len([bag for bag in tmp_path.glob('results/*/*/bag/*.mcap') if bag.stat().st_size]) == 2
 
@@ -138,8 +136,7 @@ def test_an_interrupted_replay_ends_at_once_with_what_it_has(begun, recordings, 
     tracks = list(tmp_path.glob('results/*/*/trajectory.tum'))
     assert len(tracks) == 2
     for track in tracks:
-        with AnyReader([track.parent / 'bag']) as reader:
-            assert sum(1 for _ in reader.messages()) == 3 * len(read_tum(track)[0]) > 0
+        assert len(messages(track.parent / 'bag')) == 3 * len(read_tum(track)[0]) > 0
 
 
 @pytest.mark.long

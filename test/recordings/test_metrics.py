@@ -12,7 +12,7 @@ from dbscan_reg_ros import SE2, RecordingError
 from dbscan_reg_ros.evaluation import metrics
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
 from dbscan_reg_ros.recordings import open_recording
-from dbscan_reg_ros.recordings.poses import compose, relative
+from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.recordings.trajectories import read_csv, read_tum, write_csv, write_tum
 from dbscan_reg_ros.recordings.truth import find_relations, interpolate, load_relations
 
@@ -45,19 +45,7 @@ def noisy(poses, seed, sigma=(0.01, 0.01, 0.003)):
     return np.array([pose.as_array() for pose in drifting])
 
 
-@pytest.mark.parametrize('kind', ['drifting'])
-def test_every_measure_agrees_with_the_yardstick(data, intel, tmp_path, kind):
-    stamps, odometry, reference, relations = intel
-    poses = {'wheels': odometry, 'drifting': noisy(reference, 5), 'standing': np.zeros_like(reference)}[kind]
-    write_csv(tmp_path / 'poses.csv', poses)
-    theirs = yardstick(data, tmp_path / 'poses.csv')
-    ours = metrics.evaluate(poses, stamps, relations, reference)
-    assert ours.keys() == theirs.keys()
-    assert ours['relations'] == 1030
-    assert max(abs(ours[key] - theirs[key]) for key in ours) < 1e-9
-
-
-def test_every_measure_agrees_with_the_yardstick_where_scans_are_missing(data, intel, tmp_path):
+def test_every_measure_agrees_with_the_yardstick_also_where_scans_are_missing(data, intel, tmp_path):
     stamps, _, reference, relations = intel
     kept = np.flatnonzero(np.random.default_rng(2).random(len(stamps)) > 0.2)
     poses = noisy(reference, 6)[kept]
@@ -66,29 +54,6 @@ def test_every_measure_agrees_with_the_yardstick_where_scans_are_missing(data, i
     ours = metrics.evaluate(poses, stamps[kept], relations, reference[kept])
     assert 600 < ours['relations'] < 700
     assert max(abs(ours[key] - theirs[key]) for key in ours) < 1e-9
-
-
-def test_673_of_the_relations_join_neighbours(intel):
-    stamps, _, _, relations = intel
-    near = np.abs(np.diff(relations.stamps, axis=1)[:, 0]) < metrics.NEIGHBOURS_WITHIN
-    assert relations.stamps.shape == (1030, 2) and near.sum() == 673
-    assert relations.stamps[0].tolist() == [976052905167303000, 976052911885496000]
-    assert np.isin(relations.stamps, stamps).mean() > 0.99
-
-
-def test_errors_are_those_of_the_motion_not_of_the_place():
-    truth = np.array([[1.0, 0.0, math.pi / 2]])
-    translation, rotation = metrics.errors(np.array([[1.0, 0.3, math.pi / 2 + 0.1]]), truth)
-    assert translation[0] == pytest.approx(0.3) and rotation[0] == pytest.approx(math.degrees(0.1))
-    _, rotation = metrics.errors(np.array([[0.0, 0.0, 3.1]]), np.array([[0.0, 0.0, -3.1]]))
-    assert rotation[0] == pytest.approx(math.degrees(2 * math.pi - 6.2))
-
-
-def test_moving_the_whole_trajectory_changes_no_measure(intel):
-    stamps, odometry, reference, relations = intel
-    moved = compose(np.broadcast_to([3.0, -20.0, 2.5], odometry.shape), odometry)
-    before, after = (metrics.evaluate(poses, stamps, relations, reference) for poses in (odometry, moved))
-    assert max(abs(before[key] - after[key]) for key in before) < 1e-9
 
 
 def test_a_trajectory_that_stays_behind_is_frozen():
@@ -148,13 +113,6 @@ def test_truth_is_interpolated_where_it_is_generally_sparse_but_not_in_its_holes
         assert known.between(stamps[first], stamps[first + 1]) is None
         assert known.between(stamps[first - 20], stamps[first]).x == pytest.approx(2.0)
         assert known.measures(stamps, poses)['rpe_1m_mean_m'] < 1e-9
-
-
-def test_a_short_trajectory_has_the_measures_that_it_can_have():
-    reference = np.zeros((2, 3))
-    measures = metrics.evaluate(reference, reference=reference)
-    assert measures['ate_m'] == 0.0 and measures['step_mean_m'] == 0.0
-    assert 'rpe_5m_mean_m' not in measures and 'frozen' not in measures
 
 
 def test_tum_keeps_every_nanosecond_and_pose(tmp_path):

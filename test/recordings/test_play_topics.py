@@ -10,25 +10,18 @@ from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from ros_helpers import LATCHED, TIMEOUT
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, LaserScan
 from std_msgs.msg import String
 
-from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.conversion import write_log
 from dbscan_reg_ros.recordings.message_fields import filled, pose_only_fields, scan_fields
-from dbscan_reg_ros.recordings.playback import Channel, Played, Timeline, choose, inputs_of
+from dbscan_reg_ros.recordings.playback import Channel, Played, Timeline, inputs_of
 from dbscan_reg_ros.recordings.recording import Record
 
 COUNT = 6
 BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
-
-
-@pytest.fixture
-def tf_type():
-    return pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
 
 
 @pytest.fixture
@@ -121,16 +114,6 @@ def test_ctrl_c_ends_with_status_0_and_what_was_played_until_then(start_command,
     assert 'Traceback' not in command.output() and 'scans 1 answered 0 skipped 1' in command.output()
 
 
-def test_the_clock_goes_on_through_all_messages(start_command, peer, bag, scans, tf_type):
-    lists = received(peer, scan=(LaserScan, 'scan', 100), clock=(Clock, '/clock', BEST_EFFORT),
-                     tf=(tf_type, '/tf', 100))
-    play(start_command, peer, bag, '--clock')
-    peer.until(lambda: len(lists['tf']) == COUNT)
-    times = [in_nanoseconds(m.clock) for m in lists['clock']]
-    assert times == sorted(times) and times[0] == scans[0].stamp
-    assert times[-1] >= scans[COUNT - 1].stamp
-
-
 @needs_rosbags
 def test_the_recorded_mounting_is_enough_for_a_node_that_waits_for_transforms(start_command, tmp_path, tf_type):
     simulate = start_command('simulate', tmp_path / 'drive', '--world', 'corridor', '--speed', '2', '--mounting', '0.2',
@@ -200,15 +183,6 @@ def test_what_the_node_can_use_is_found_by_type_and_name(kinds, wheels, expected
     types = {'tf': 'tf2_msgs/msg/TFMessage', 'old tf': 'tf/msg/tfMessage', 'imu': 'sensor_msgs/msg/Imu',
              'odom': 'nav_msgs/msg/Odometry'}
     assert inputs_of({topic: types[kind] for topic, kind in kinds.items()}, wheels) == expected
-
-
-def test_the_channels_that_are_played_are_those_of_the_node_and_those_asked_for():
-    channels = [Channel('/imu', 'a', input='imu'), Channel('/map', 'b'), Channel('/x', 'c')]
-    assert [c.recorded for c in choose(channels)] == ['/imu']
-    assert [c.recorded for c in choose(channels, ['/x'])] == ['/imu', '/x']
-    assert choose(channels, everything=True) == channels
-    with pytest.raises(RecordingError, match='no topic /y; besides the scans there is nothing'):
-        choose([], ['/y'])
 
 
 def test_messages_are_due_as_long_after_a_scan_as_they_were_recorded(scans):

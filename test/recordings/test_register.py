@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Register: one pair of scans, in numbers and in the figures of the paper."""
-import dataclasses
 import itertools
 import math
 import re
@@ -8,8 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from benchmarks.odometry import course
-from benchmarks.odometry.places import wood
 
 from dbscan_reg_ros import DbscanRegError, Odometry, ParameterError, Parameters, Scan, Status
 from dbscan_reg_ros.commands.register import OF_A_DRIVE, _motion_during_scan, main
@@ -21,7 +18,6 @@ from dbscan_reg_ros.core.registration.pipeline import register
 from dbscan_reg_ros.core.registration.records import Registration
 from dbscan_reg_ros.core.registration.status import failed
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
-from dbscan_reg_ros.figures.overlay import draw_overlay
 from dbscan_reg_ros.figures.sheet import FIGURES, SIZE, Drawing, draw_figures
 from dbscan_reg_ros.figures.steps import Steps
 from dbscan_reg_ros.figures.texts import Timing, describe, fixed, heading_text
@@ -32,7 +28,6 @@ from dbscan_reg_ros.recordings.snapshots import Snapshot, SnapshotUpdate, write_
 from dbscan_reg_ros.recordings.truth import Relations
 from dbscan_reg_ros.robot.parameter_files import read_parameters, write_parameters
 from dbscan_reg_ros.robot.parameters import NodeParameters
-from dbscan_reg_ros.simulation import LIDARS
 
 PICTURES = {f'{name}.png' for name in (*FIGURES, 'sheet')}
 REFERENCE, CURRENT, TRUTH = 380, 390, (0.5697, -0.0126, -0.07692)
@@ -102,14 +97,6 @@ def test_a_pair_of_a_recording_in_numbers_and_pictures(intel, pair, tmp_path, ca
     latest = tmp_path / f'intel_{REFERENCE}_{CURRENT}' / 'latest'
     assert text.endswith(f'figures     {latest.resolve()}\n')
     check_pictures(latest)
-
-
-@pytest.mark.long
-def test_the_pictures_of_the_paper_and_of_a_snapshot(intel, snapshot, tmp_path):
-    assert intel(REFERENCE, CURRENT, '--method', 'paper') == 0
-    check_pictures(tmp_path / f'intel_{REFERENCE}_{CURRENT}' / 'latest')
-    assert main([str(snapshot), '--out', str(tmp_path)]) == 0
-    check_pictures(tmp_path / 'kept_5' / 'latest')
 
 
 def printed_error(text):
@@ -365,20 +352,3 @@ def test_an_interrupted_drawing_leaves_whole_pictures(intel, tmp_path, monkeypat
                                                               'translation.png']
     assert all(ink(file).any() for file in folder.iterdir())
     assert capsys.readouterr().err == 'register: interrupted\n'
-
-
-def test_the_figure_of_a_pair_shows_the_aligned_landmarks():
-    """Trunks of a wood."""
-    from matplotlib.figure import Figure
-    world = wood(0)
-    drive = course.simulated(dataclasses.replace(world, tour=world.tour[:3]), LIDARS['rplidar_a'], seed=0)
-    pair = drive.scans[300], drive.scans[340]
-    steps = Steps.of(*pair, Parameters())
-    moved = steps.registration.transform.apply(steps.current.landmarks)
-    apart = np.hypot(*(moved[:, None] - steps.reference.landmarks).T).min(axis=0)
-    assert len(apart) > 8 and np.count_nonzero(apart < 0.2) > 0.7 * len(apart)
-    figure = Figure(figsize=SIZE, layout='constrained')
-    draw_overlay(figure, steps)
-    shown, = (axes for axes in figure.axes if axes.get_label() == 'after')
-    assert {'reference: landmarks', 'current: landmarks'} <= set(shown.get_legend_handles_labels()[1])
-    assert not len(Steps.of_paper(*pair).current.landmarks), 'the paper knows none'

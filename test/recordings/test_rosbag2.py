@@ -12,6 +12,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+from bags import messages, needs_rosbags, open_bag
 
 from dbscan_reg_ros.recordings import open_recording, read_tum
 from dbscan_reg_ros.recordings.conversion import convert, write_log
@@ -55,18 +56,7 @@ def log(tmp_path, scans, truth):
     return tmp_path / 'drive.log'
 
 
-def read(path):
-    highlevel = pytest.importorskip('rosbags.highlevel', reason='needs rosbags')
-    from rosbags.typesys import Stores, get_typestore
-    return highlevel.AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-
-
-def messages(path):
-    """Topic, record time [ns] and message of all that a bag holds, by `rosbags`."""
-    with read(path) as reader:
-        return [(c.topic, time, reader.deserialize(raw, c.msgtype)) for c, time, raw in reader.messages()]
-
-
+@needs_rosbags
 def test_a_log_becomes_the_bag_of_rosbags_and_the_same_log_again(command, log, tmp_path):
     command('convert', log, 'bag', '--storage', 'sqlite3')
     convert(log, tmp_path / 'other')
@@ -96,6 +86,7 @@ def test_of_a_time_range_all_is_kept_but_a_damaged_message_which_is_named(comman
     assert open_recording(tmp_path / 'part.log').stamps() == stamps[10:13] + stamps[14:21]
 
 
+@needs_rosbags
 def test_a_replay_of_a_bag_is_that_of_the_log(command, log, tmp_path):
     command('convert', log, 'bag', '--storage', 'sqlite3')
     for recording in ('bag', log.name):
@@ -106,9 +97,10 @@ def test_a_replay_of_a_bag_is_that_of_the_log(command, log, tmp_path):
     assert len(messages(tmp_path / 'results' / 'drive' / 'latest' / 'bag')) == 120
 
 
+@needs_rosbags
 def test_a_simulated_bag_keeps_the_mounting_for_late_listeners(command, tmp_path):
     command('simulate', 'bag', '--world', 'corridor', '--speed', 2, '--mounting', 0.2, 0, 0)
-    with read(tmp_path / 'bag') as reader:
+    with open_bag(tmp_path / 'bag') as reader:
         durable = {c.topic: [quality.durability.name for quality in c.ext.offered_qos_profiles]
                    for c in reader.connections}
     assert durable.pop('/tf_static') == ['TRANSIENT_LOCAL']

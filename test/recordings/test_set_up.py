@@ -1,14 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The set-up that the demo and the tests share: it finds a Python that serves, or says what is missing."""
-import hashlib
-import os
 import re
 import shutil
 import subprocess
 import sys
-import sysconfig
-import zipfile
-from pathlib import Path
 
 import pytest
 
@@ -64,14 +59,6 @@ def test_without_a_python_the_message_says_what_each_lacks(shell):
     assert '3.9.2' in reasons['  python3']
 
 
-def test_the_demo_of_a_fresh_copy_ends_with_that_message(root, programs, tmp_path):
-    shutil.copytree(root / 'scripts', tmp_path / 'scripts')
-    result = subprocess.run(['bash', tmp_path / 'scripts' / 'demo'], env={'PATH': programs({})}, capture_output=True,
-                            text=True, check=False, timeout=60)
-    assert result.returncode == 1 and result.stdout == ''
-    assert result.stderr.startswith('No Python that serves. Needed: Python 3.10 to 3.13')
-
-
 FAKE_PYTHON = '''#!/bin/sh
 case "$2" in
     *sys.executable*) echo "$0";;
@@ -109,33 +96,6 @@ def test_an_environment_in_which_a_step_was_interrupted_is_made_again(make):
     assert make(more=True) == ['venv', 'install wanted.txt', 'install more.txt'] and make(more=True) == []
 
 
-def wheel(folder, name, version, *metadata):
-    """Write an empty package; return the line of a lock that names it."""
-    path, info = folder / f'{name}-{version}-py3-none-any.whl', f'{name}-{version}.dist-info'
-    with zipfile.ZipFile(path, 'w') as archive:
-        archive.writestr(f'{info}/METADATA',
-                         '\n'.join(('Metadata-Version: 2.1', f'Name: {name}', f'Version: {version}', *metadata)))
-        archive.writestr(f'{info}/WHEEL', 'Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n')
-        archive.writestr(f'{info}/RECORD', '')
-    return f'{name}=={version} --hash=sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}\n'
-
-
-def test_a_lock_still_installs_when_newer_versions_have_come(root, tmp_path):
-    tool = wheel(tmp_path, 'tool', '1.0', 'Provides-Extra: more')
-    plugin = wheel(tmp_path, 'plugin', '1.0', 'Requires-Dist: tool[more]>=0.9')
-    wheel(tmp_path, 'tool', '2.0', 'Provides-Extra: more')
-    (tmp_path / 'lock.txt').write_text(plugin + tool)
-    subprocess.run([sys.executable, '-m', 'venv', '--without-pip', tmp_path / 'venv'], check=True)
-    packages, = (tmp_path / 'venv').glob('lib/python*/site-packages')
-    (packages / 'pip').symlink_to(Path(sysconfig.get_paths()['purelib'], 'pip'))
-    code = f'source {root}/scripts/setup; requirements={tmp_path}; install {tmp_path}/venv lock.txt'
-    result = subprocess.run(['bash', '-c', code],
-                            env={'PATH': '/usr/bin:/bin', 'PIP_NO_INDEX': '1', 'PIP_FIND_LINKS': str(tmp_path)},
-                            capture_output=True, text=True, check=False, timeout=120)
-    assert (result.returncode, result.stderr) == (0, 'Installing 2 packages of lock.txt ...\n')
-    assert [*(tmp_path / 'venv').glob('lib/python*/site-packages/tool-1.0.dist-info')]
-
-
 @pytest.mark.parametrize('status', [0, 1])
 def test_an_installation_fails_as_pip_does_and_says_what_to_do(shell, tmp_path, status):
     (tmp_path / 'lock.txt').write_text('one==1\n')
@@ -156,34 +116,6 @@ def test_without_tf2_msgs_the_set_up_goes_on_and_says_why_until_it_is_built(shel
         python.chmod(0o755)
         result = shell(f'root={tmp_path} python={python}; add_to_wheels run', {})
         assert (result.returncode, result.stdout, result.stderr) == (0, '', said)
-
-
-@pytest.mark.long
-def test_tf2_msgs_is_built_below_a_path_with_an_apostrophe(root, tmp_path):
-    """In a tree of links to the files of the environment that runs the tests."""
-    if not (Path(sys.prefix) / 'share' / 'rosidl_generator_py').is_dir() or shutil.which('c++') is None:
-        pytest.skip('needs the wheels of ROS 2 and a C++ compiler')
-    venv = tmp_path / "robot's" / 'venv'
-    venv.parent.mkdir()
-    subprocess.run(['cp', '-rs', sys.prefix, venv], check=True)
-    for path in (*venv.rglob('*tf2_msgs*'), venv / 'pyvenv.cfg'):
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        else:
-            path.unlink(missing_ok=True)
-    shutil.copy(Path(sys.prefix) / 'pyvenv.cfg', venv)
-    environment = {name: value for name, value in os.environ.items() if name != 'PYTHONPATH'}
-    built = subprocess.run([venv / 'bin' / 'python', root / 'scripts' / 'tf2_msgs' / 'build.py'], capture_output=True,
-                           text=True,
-                           env=environment, timeout=300, check=False)
-    assert built.returncode == 0, (venv / 'tf2_msgs.log').read_text()[-2000:]
-    code = ('from tf2_msgs import msg; from rclpy.serialization import serialize_message; print(msg.__file__);'
-            'print(len(serialize_message(msg.TFMessage())))')
-    said = subprocess.run([venv / 'bin' / 'python', '-c', code], capture_output=True, text=True, env=environment,
-                          check=True,
-                          timeout=60).stdout.splitlines()
-    assert said[0].startswith(str(venv)) and said[1] == '8'
-    assert not any('/prefix' in path.read_text() for path in (venv / 'share' / 'tf2_msgs').rglob('*.*sh'))
 
 
 FAKE_BUILDER = '''#!/bin/sh

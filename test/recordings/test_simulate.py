@@ -2,7 +2,7 @@
 """The command that simulates: what was asked for is measured back from the files."""
 import numpy as np
 import pytest
-from bags import needs_rosbags
+from bags import messages, needs_rosbags
 from matplotlib.image import imread
 
 from dbscan_reg_ros import simulation
@@ -25,13 +25,6 @@ def simulated(tmp_path):
     return simulated
 
 
-def messages(bag, topic):
-    from rosbags.highlevel import AnyReader
-    with AnyReader([bag]) as reader:
-        connections = [c for c in reader.connections if c.topic == topic]
-        return [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]
-
-
 def test_a_bag_holds_scans_wheels_gyroscope_and_truth(simulated, capsys):
     bag = simulated('bag', '--lidar', 'hokuyo_urg04lx', '--mounting', 0.2, -0.1, 90)
     printed = capsys.readouterr().out
@@ -43,14 +36,14 @@ def test_a_bag_holds_scans_wheels_gyroscope_and_truth(simulated, capsys):
     stamps, truth = recording.truth()
     assert stamps.tolist() == recording.stamps()
     np.testing.assert_allclose(truth[0], [1.5 + 0.2, -0.1, np.pi / 2], atol=1e-6)
-    transform = messages(bag, '/tf_static')[0].transforms[0]
+    transform = messages(bag, '/tf_static')[0][2].transforms[0]
     assert (transform.header.frame_id, transform.child_frame_id) == ('base_link', 'laser')
     assert (transform.transform.translation.x, transform.transform.translation.y) == (0.2, -0.1)
     assert transform.transform.rotation.z == pytest.approx(np.sqrt(0.5))
     assert len(recording.wheel_odometry()[0]) > 1.9 * len(scans)
-    assert messages(bag, '/imu')[0].orientation_covariance[0] == -1.0
+    assert messages(bag, '/imu')[0][2].orientation_covariance[0] == -1.0
     twists = np.array([(m.twist.twist.linear.x, m.twist.twist.linear.y, m.twist.twist.angular.z)
-                       for m in messages(bag, '/truth')])
+                       for _, _, m in messages(bag, '/truth')])
     steps = relative(truth[:-1], truth[1:])
     mean = 0.5 * (twists[:-1] + twists[1:])
     np.testing.assert_allclose(0.1 * mean[:, 2], steps[:, 2], atol=0.01)

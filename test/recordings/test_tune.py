@@ -20,7 +20,7 @@ from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.replays.lidars import Lidars, RecordedLidar
-from dbscan_reg_ros.robot.parameter_files import read_parameters, write_parameters
+from dbscan_reg_ros.robot.parameter_files import read_parameters
 from dbscan_reg_ros.robot.parameters import NodeParameters
 from dbscan_reg_ros.simulation import Lidar, follow, hall
 from dbscan_reg_ros.simulation import simulate as drive
@@ -75,11 +75,9 @@ def test_an_axis_spans_a_fifth_to_five_times_the_default_or_what_is_given(text, 
     ('refinement.mapscale', "did you mean 'advanced.refinement.map_scale'"),
     ('advanced.rotation.eps', 'advanced.rotation.eps=LOW:HIGH'),
     ('advanced.refinement.map_scale=1', 'expected NAME=LOW:HIGH'),
-                                            ('advanced.refinement.map_scale=2:1', 'lower bound below'),
     ('advanced.refinement.map_scale=0.1:99', 'advanced.refinement.map_scale = 99'),
-                                            ('odometry.deskew=0:1', 'has no range'),
-    ('laser_pose', 'cannot be searched'), ('mounting', 'cannot be searched'),
-                                            ('advanced.segments.min_points=2.2:2.8', 'lower bound below'),
+    ('odometry.deskew=0:1', 'has no range'), ('mounting', 'cannot be searched'),
+    ('advanced.segments.min_points=2.2:2.8', 'lower bound below'),
 ])
 def test_what_cannot_be_searched_is_refused(text, says):
     with pytest.raises(ParameterError, match=re.escape(says)):
@@ -106,23 +104,6 @@ def test_a_bad_start_gets_better_and_the_result_is_a_parameter_file(words, recor
                      r'([+-][\d.]+) m', printed)
     assert float(held[1]) > float(held[2]) and 0.0 < float(held[3]) < float(held[4])
     assert re.search(r'by recording \+\d+\.\d %', printed)
-
-
-@pytest.mark.long
-@pytest.mark.long
-def test_a_bad_start_on_the_intel_log_comes_back_to_the_defaults(data, tmp_path, size):
-    """Within 10 % of their error over 1 m; with --long in 200 trials on the whole log."""
-    trials, scans = size((10, 500), (200, 5505))
-    intel, bad = data / 'intel' / 'intel.log.gz', tmp_path / 'bad.yaml'
-    write_parameters(bad, NodeParameters().replace(BAD | {
-        'advanced.refinement.damping': 0.1, 'advanced.density.max_distance': 2.0,
-                                                          'advanced.density.violation_weight': 3.5,
-                                                          'advanced.density.cell_size': 0.5,
-                                                          'advanced.selection.preselection_tolerance': 1.25}))
-    assert main([str(intel), '--params-file', str(bad), '--scans', str(scans), '--trials', str(trials), '--search',
-                 'random', '--processes', '1', '--out', str(tmp_path / 'out')]) == 0
-    costs = [trial['cost'] for trial in trials_of(tmp_path / 'out')]
-    assert min(costs) <= 1.1 * cost_of(intel, Lidars(), NodeParameters(), 'truth', scans) < 0.5 * costs[0]
 
 
 def test_values_that_contradict_each_other_are_hopeless_and_end_no_search(recordings, tmp_path):

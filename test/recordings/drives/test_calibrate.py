@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """``calibrate``: mounting and time offset of the second lidar of a simulated recording."""
 import dataclasses
-import itertools
 import json
 import math
 import re
@@ -14,10 +13,7 @@ from bags import needs_rosbags, scan_bag
 from dbscan_reg_ros.commands.calibrate import main as calibrate
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.pipeline import Odometry
-from dbscan_reg_ros.core.scan import SECOND
-from dbscan_reg_ros.core.sensor import Sensor
-from dbscan_reg_ros.simulation import Lidar, Path, World, corridor, follow, hall, simulate
+from dbscan_reg_ros.simulation import Lidar, Path, World, hall, simulate
 
 pytestmark = needs_rosbags
 
@@ -115,62 +111,6 @@ def test_replay_and_calibrate_take_three_lidars(drive, path, tmp_path, capsys):
     assert {topic: each['scans'] for topic, each in lidars.items()}.keys() == scans.keys()
     assert all(each['skipped'] == each['failed'] == 0 and each['scans'] > len(scans[topic]) - 3
                for topic, each in lidars.items())
-
-
-def driven(drive, path, rear, late, rank):
-    """Yield each update, and the error [m] of its pose; `late` [ns] are the stamps of the rear lidar."""
-    odometry = Odometry()
-    start = FRONT.inverse() @ SE2.from_array(path.poses_at(np.zeros(1))[0]).inverse()
-    sensors = {'/front': Sensor('front'), '/rear': Sensor('rear', FRONT.inverse() @ rear, rank)}
-    begin = min(scan.stamp for scans in drive.values() for scan in scans)
-    scans = [(topic, scan) for topic, each in drive.items() for scan in each]
-    for topic, scan in sorted(scans, key=lambda each: each[1].stamp):
-        stamp = scan.stamp + late * (topic == '/rear')
-        update = odometry.process(dataclasses.replace(scan, stamp=stamp), None, sensors[topic])
-        if not update.waits:
-            true = start @ SE2.from_array(path.poses_at(np.array([1e-9 * (scan.stamp - begin)]))[0]) @ FRONT
-            yield update, math.hypot(update.pose.x - true.x, update.pose.y - true.y)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('rear, late', [(REAR, 0), (WRONG, 0), (REAR, LATE), (REAR, -3 * SECOND), (REAR, 3 * SECOND)],
-                         ids=['right', 'mounting', 'late', 'clock behind', 'clock ahead'])
-def test_a_lidar_that_disagrees_does_not_spoil_the_odometry(drive, path, rear, late):
-    """The largest error is at most 2 cm; if the scans of the rear lidar are used although it disagrees, it is more."""
-    def largest_error(rank):
-        return max(error for update, error in driven(drive, path, rear, late, rank) if update.sensor.name == 'front')
-    assert largest_error(1) < 0.02
-    assert late not in (0, LATE) or (rear is REAR and not late) or largest_error(0) > 0.02
-
-
-@pytest.mark.parametrize('dead', ['/front', '/rear'])
-def test_either_lidar_may_be_silent_for_ten_seconds(drive, path, dead):
-    """No gap above 0.2 s, and no pose off by more than 2 cm."""
-    begin = drive['/front'][0].stamp
-    left = [scan for scan in drive[dead] if not 1.5 < 1e-9 * (scan.stamp - begin) < 11.5]
-    updates = list(driven(drive | {dead: left}, path, REAR, 0, 1))
-    assert max(error for _, error in updates) < 0.02
-    assert max(np.diff([update.stamp for update, _ in updates])) < 200_000_000
-    assert {update.sensor.name for update, _ in updates[-5:]} == {'front', 'rear'}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('dead', ['/front', '/rear'])
-@pytest.mark.parametrize('seed', [0, 1])
-def test_a_lidar_that_is_back_does_not_move_the_pose(dead, seed):
-    """It was silent for 6 s, in which the base drove 6 m along a corridor; its first scan has to be deskewed, too."""
-    world = corridor(seed=seed)
-    path = follow(world.tour, speed=1.0).until(10.0)
-    scans = scans_of(world, path, duration=0.05)
-    begin = scans['/front'][0].stamp
-    left = [scan for scan in scans[dead] if not 2.0 < 1e-9 * (scan.stamp - begin) < 8.0]
-    updates = list(driven(scans | {dead: left}, path, REAR, 0, 1))
-    back = next(k for k, (update, _) in enumerate(updates) if update.sensor.name == dead.strip('/')
-                and 1e-9 * (update.stamp - begin) > 7.0)
-    for (before, _), (after, _) in itertools.pairwise(updates[back - 1:back + 10]):
-        elapsed = 1e-9 * (after.stamp - before.stamp)
-        motion = before.pose.inverse() @ after.pose
-        assert math.hypot(motion.x, motion.y) == pytest.approx(elapsed, abs=0.015)
 
 
 def test_what_a_straight_corridor_does_not_determine_is_not_observable(tmp_path, capsys):

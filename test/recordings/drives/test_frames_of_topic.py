@@ -3,12 +3,10 @@
 import json
 import math
 
-import numpy as np
 import pytest
 from bags import needs_rosbags, scan_bag, write_bag
 
 from dbscan_reg_ros.commands.calibrate import main as calibrate
-from dbscan_reg_ros.commands.competitors import Competitor, follow_one
 from dbscan_reg_ros.commands.register import main as register
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.core.geometry.se2 import SE2
@@ -16,10 +14,8 @@ from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.bags.with_rosbags import MessageMaker
 from dbscan_reg_ros.recordings.message_fields import scan_fields
 from dbscan_reg_ros.replays.lidars import Lidars
-from dbscan_reg_ros.robot.parameters import NodeParameters
 from dbscan_reg_ros.simulation import Lidar, follow, rooms
 from dbscan_reg_ros.simulation import simulate as simulated
-from dbscan_reg_ros.tuning.objective import cost_of
 
 pytestmark = needs_rosbags
 MOUNTINGS = {'front': SE2(0.3, 0.2, math.radians(45.0)), 'rear': SE2(-0.3, -0.2, math.radians(-135.0))}
@@ -88,18 +84,6 @@ def test_a_replay_equals_that_of_two_topics(merged, split, drives, tmp_path, cap
     assert replay([str(merged), '--out', str(tmp_path / 'other'), '--topic', BOTH[1], '--topic', BOTH[0]]) == 0
     assert results(tmp_path / 'other')[0]['lidars'].keys() == set(BOTH)
     assert len(results(tmp_path / 'other')[1].splitlines()) == len(drives['rear'])
-
-
-@pytest.mark.long
-def test_compare_and_tune_use_both_as_of_two_topics(merged, split):
-    trajectories = [follow_one(bag, lidars, Competitor('A', NodeParameters()), NodeParameters())
-                    for bag, lidars in ((merged, Lidars()), (split, Lidars(('/a', '/b'))))]
-    np.testing.assert_array_equal(*(trajectory.pose_array() for trajectory in trajectories))
-    of_one = follow_one(split, Lidars(('/a',)), Competitor('A', NodeParameters()), NodeParameters())
-    assert not np.array_equal(of_one.pose_array(), trajectories[0].pose_array())
-    costs = [cost_of(bag, lidars.of_recording(bag, NodeParameters()), NodeParameters(), limit=30)
-             for bag, lidars in ((merged, Lidars()), (split, Lidars(('/a', '/b'))))]
-    assert costs[0] == costs[1]
 
 
 def test_register_and_calibrate_use_both_as_of_two_topics(merged, split, capsys):

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ranges that a driver sends for a missing return, found scan by scan."""
+"""Ranges that a driver sends for a missing return, found scan by scan; the track is that of the same scans with inf."""
 import dataclasses
 import math
 
 import numpy as np
 import pytest
 
-from dbscan_reg_ros import Scan, ScanGeometry
+from dbscan_reg_ros import Odometry, Scan, ScanGeometry, open_recording
 from dbscan_reg_ros.core.no_return import NoReturn
 from dbscan_reg_ros.simulation import Lidar, follow, hall, simulate
 from dbscan_reg_ros.simulation.lidar import PRESETS
@@ -74,3 +74,28 @@ def test_a_lidar_that_turns_on_the_spot_or_rests_keeps_the_end_of_a_corridor(noi
 def test_a_range_at_the_limit_is_no_return():
     geometry = ScanGeometry(0.0, 0.1, 3, 1.0, 4.0)
     assert Scan(0, [1.0, 3.99, 4.0], geometry).valid.tolist() == [True, True, False]
+
+
+def poses(scans):
+    odometry = Odometry()
+    return np.array([odometry.process(scan).pose.as_array() for scan in scans])
+
+
+@pytest.mark.filterwarnings('ignore:many beams:UserWarning')
+@pytest.mark.parametrize('name', ['no_return_is_range_max', 'no_return_is_range_max.log'])
+def test_a_drive_among_missing_returns_at_range_max_is_that_with_inf(cases, name):
+    found, expected = (poses(open_recording(cases / 'no_return' / each).scans())
+                       for each in (name, 'no_return_is_inf_control'))
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+    assert np.hypot(*np.diff(found[:, :2], axis=0).T).sum() == pytest.approx(2.49, abs=0.02)
+
+
+def test_a_hall_where_half_the_beams_have_a_code_is_driven_as_with_inf():
+    code = 3.99
+    lidar = dataclasses.replace(ALL_ROUND, range_max=4.0, stated=(0.05, 30.0))
+    scans, control = (drive(HALL, dataclasses.replace(lidar, no_return=each), 4.0) for each in (code, math.inf))
+    assert np.mean([scan.ranges == np.float32(code) for scan in scans]) > 0.4
+    with pytest.warns(UserWarning, match=f'largest range, {code:g} m') as warned:
+        found = poses(scans)
+    assert len(warned) == 1
+    np.testing.assert_array_equal(found, poses(control))

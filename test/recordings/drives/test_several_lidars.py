@@ -7,44 +7,27 @@ import re
 
 import numpy as np
 import pytest
-from bags import needs_rosbags, scan_bag
+from bags import messages, needs_rosbags, replayed, scan_bag
+from two_lidars import bag_of_two_lidars
 
 from dbscan_reg_ros.commands.replay import main as replay
-from dbscan_reg_ros.commands.simulate import main as simulate
-from dbscan_reg_ros.core.geometry.mounting import Mounting
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.pipeline import Odometry
-from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.core.scan import Scan
-from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.recordings import open_recording, read_tum
 from dbscan_reg_ros.recordings.bags.static_transforms import static_mounting
 from dbscan_reg_ros.recordings.poses import relative
-from dbscan_reg_ros.replays.lidars import turned
 from dbscan_reg_ros.replays.trajectory import Trajectory
 from dbscan_reg_ros.simulation import Lidar, follow, rooms
 from dbscan_reg_ros.simulation import simulate as simulated
 
 pytestmark = needs_rosbags
 
-SCANNER = ('--lidar hokuyo_utm30lx --beams 361 --angle-increment 0.75 --duration 0.05 --at {} {} {} --rate {} '
-           '--phase {}')
 FRONT, REAR = (0.3, 0.2, 45.0), (-0.3, -0.2, -135.0)
 
 
 @pytest.fixture(scope='module')
 def pair(tmp_path_factory):
-    """A bag of two lidars at opposite corners, 12.5 and 15 Hz, in a corridor."""
-    bag = tmp_path_factory.mktemp('pair') / 'pair'
-    front, rear = SCANNER.format(*FRONT, 12.5, 0.0), SCANNER.format(*REAR, 15, 0.019)
-    assert simulate([str(bag), '--world', 'corridor', '--speed', '4', *front.split(), *rear.split()]) == 0
-    return bag
-
-
-def replayed(bag, out, *words):
-    """Replay a bag; return the measures."""
-    assert replay([str(bag), '--out', str(out), *words]) == 0
-    return json.loads((out / bag.name / 'latest' / 'metrics.json').read_text())
+    return bag_of_two_lidars(tmp_path_factory.mktemp('pair') / 'pair', '--speed', '4')
 
 
 def given(*topics):
@@ -100,15 +83,12 @@ def test_a_replay_uses_both_lidars_and_names_them(pair, tmp_path, capsys):
 @pytest.mark.parametrize('topics', [pytest.param(['/scan', '/scan_2'], marks=pytest.mark.long), ['/scan']])
 def test_the_files_of_poses_may_contain_those_of_the_base(pair, topics, tmp_path, capsys):
     """By the recorded mounting: equal to /odom in the bag of the replay, which the node would publish."""
-    from rosbags.highlevel import AnyReader
     words = [word for topic in topics for word in ('--topic', topic)]
     found = replayed(pair, tmp_path, *words, '--frame', 'base')
     assert 'in the files *.tum those of the base' in capsys.readouterr().out
     latest = tmp_path / pair.name / 'latest'
     (_, poses), (_, truth) = read_tum(latest / 'trajectory.tum'), read_tum(latest / 'truth.tum')
-    with AnyReader([latest / 'bag']) as reader:
-        connections = [connection for connection in reader.connections if connection.topic == '/odom']
-        odom = [reader.deserialize(raw, each.msgtype).pose.pose for each, _, raw in reader.messages(connections)]
+    odom = [message.pose.pose for _, _, message in messages(latest / 'bag', '/odom')]
     # Of several lidars, the scans of the others are messages on /odom as well.
     base = np.array([(pose.position.x, pose.position.y) for pose in odom])
     assert all(np.abs(base - pose[:2]).max(axis=1).min() < 1e-6 for pose in poses[::20])
@@ -155,69 +135,39 @@ def test_a_replay_names_the_mask_of_a_lidar_that_sees_the_robot_itself(tmp_path,
 
 
 @pytest.mark.parametrize('words, expected', [
+    (('--topic', '/scan', '--topic', '/scan_2', '--params-file', 'own.yaml'),
+     "no transform from 'base_footprint' to 'laser' is on /tf_static"),
     (('--topic', '/scan', '--topic', '/scan'), 'expected each topic once'),
     (('--topic', '/scan', '--topic', '/scan_3'), "no scans on '/scan_3'"),
     (('--topic', '/scan', '--mounting', '/scan', '1', '2'), 'expected NAME X Y DEG'),
     (('--topic', '/scan', '--mounting', '/scan', '1', '2', 'nan'), 'expected NAME X Y DEG')])
-def test_what_cannot_be_used_is_named(pair, tmp_path, capsys, words, expected):
+def test_what_cannot_be_used_is_named(pair, tmp_path, capsys, monkeypatch, words, expected):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'own.yaml').write_text('/**: {ros__parameters: {base_frame: base_footprint}}')
     assert replay([str(pair), '--out', str(tmp_path), *words]) == 2
     assert expected in capsys.readouterr().err
 
 
-def test_a_lidar_whose_mounting_is_not_known_is_named(pair, tmp_path, capsys):
-    file = tmp_path / 'parameters.yaml'
-    file.write_text('/**: {ros__parameters: {base_frame: base_footprint}}')
-    words = '--topic', '/scan', '--topic', '/scan_2', '--params-file', str(file)
-    assert replay([str(pair), '--out', str(tmp_path), *words]) == 2
-    assert "no transform from 'base_footprint' to 'laser' is on /tf_static" in capsys.readouterr().err
-
-
-def test_an_upside_down_lidar_becomes_an_upright_one(pair):
-    scan = next(open_recording(pair, '/scan').scans())
-    g = scan.geometry
-    reversed_beams = type(g)(-g.angle_min, -g.angle_increment, g.size, g.range_min, g.range_max)
-    hanging = Scan(scan.stamp, scan.ranges, reversed_beams, scan.time_increment, scan.frame_id)
-    mounting = Mounting(SE2(0.0, 0.0, 0.5), upside_down=True)
-    upright, = turned([hanging], mounting.pose.theta, mounting.upside_down)
-    expected, = turned([scan], 0.5)
-    assert np.allclose(upright.points, expected.points, atol=1e-6, equal_nan=True)
-
-
 @pytest.mark.parametrize('topics', [('/scan', '/scan_2'), pytest.param(('/scan_2', '/scan'), marks=pytest.mark.long)],
                          ids=['second', 'first'])
-def test_the_mask_hides_a_mast_from_the_lidar_that_sees_it(scans, tmp_path, topics):
-    """A mast 0.2 m from the rear lidar: with the mask the result is that of a lidar without returns there."""
+def test_mask_and_time_offset_correct_the_lidar_that_sees_a_mast_and_stamps_late(scans, tmp_path, topics):
+    """A mast 0.2 m from the rear lidar: the result is that of a punctual lidar without returns there."""
     bearings = scans['/scan_2'][0].geometry.bearings
     mast = (bearings > 1.71) & (bearings < 1.99)
-    bags = {name: scan_bag(tmp_path / name, {'/scan': scans['/scan'], '/scan_2': [
-                with_ranges(scan, mast, value) for scan in scans['/scan_2']]})
-            for name, value in (('mast', 0.2), ('hole', np.nan))}
-    own = [1.71, 1.99, *[0.0] * 6]
+    bags = {name: scan_bag(tmp_path / name, {'/scan': scans['/scan'], '/scan_2': [dataclasses.replace(
+                with_ranges(scan, mast, value), stamp=scan.stamp + late) for scan in scans['/scan_2']]})
+            for name, value, late in (('mast', 0.2, 60_000_000), ('hole', np.nan, 0))}
+    own, offsets = [1.71, 1.99, *[0.0] * 6], [0.0 if topic == '/scan' else -0.06 for topic in topics]
     words = given(*topics)
     for name, each in (('all', own), ('each', [0.0] * 8 + own if topics[1] == '/scan_2' else own + [0.0] * 8)):
         mask = tmp_path / f'{name}.yaml'
         mask.write_text(f'/**: {{ros__parameters: {{scan_topics: [{", ".join(topics)}], '
-                        f'input: {{mask: {each}, mask_range: 0.3}}}}}}')
+                        f'input: {{mask: {each}, mask_range: 0.3, time_offset: {offsets}}}}}}}')
         replayed(bags['mast'], tmp_path / name, *words, '--params-file', str(mask))
     replayed(bags['mast'], tmp_path / 'seen', *words)
     replayed(bags['hole'], tmp_path / 'hole', *words)
     masked, each, seen = (trajectory(tmp_path / name, bags['mast']) for name in ('all', 'each', 'seen'))
     assert masked == each == trajectory(tmp_path / 'hole', bags['hole']) != seen
-
-
-def test_a_lidar_that_stamps_late_is_corrected_by_its_time_offset(scans, tmp_path):
-    late = [dataclasses.replace(scan, stamp=scan.stamp + 60_000_000) for scan in scans['/scan_2']]
-    bags = {name: scan_bag(tmp_path / name, {'/scan': scans['/scan'], '/scan_2': rear})
-            for name, rear in (('right', scans['/scan_2']), ('late', late))}
-    file = tmp_path / 'offset.yaml'
-    file.write_text('/**: {ros__parameters: {scan_topics: [/scan, /scan_2], input: {time_offset: [0.0, -0.06]}}}')
-    words = given('/scan', '/scan_2')
-    replayed(bags['right'], tmp_path / 'out', *words)
-    replayed(bags['late'], tmp_path / 'wrong', *words)
-    replayed(bags['late'], tmp_path / 'corrected', *words, '--params-file', str(file))
-    right, wrong, corrected = (trajectory(tmp_path / out, bags[name]) for out, name in (
-        ('out', 'right'), ('wrong', 'late'), ('corrected', 'late')))
-    assert corrected == right != wrong
 
 
 def test_each_line_on_a_lidar_names_it(scans, tmp_path, capsys):
@@ -259,27 +209,6 @@ def test_the_lidars_of_a_parameter_file_are_used(scans, tmp_path, capsys):
     assert list(both['lidars']) == ['/scan', '/scan_2'] and 'has no effect' not in output.err
     one = replayed(bag, tmp_path / 'one', *words, '--topic', '/scan_2')
     assert one['topic'] == '/scan_2' and 'lidars' not in one
-
-
-def test_exact_lidars_at_two_scans_a_second_are_used():
-    """Scans dropped at random: the first lidar's poses lie 0.3 to 0.7 s apart, and it accelerates between them."""
-    rng, world = np.random.default_rng(1), rooms(1)
-    path = follow(world.tour, speed=0.8).until(60.0)
-    mountings, kept = (SE2(0.35, 0.25, 0.8), SE2(-0.35, -0.25, -2.3)), []
-    for rank, mounting in enumerate(mountings):
-        lidar = Lidar(361, math.radians(-135.0), math.radians(0.75), 0.05, 25.0, 10.0, mounting=mounting,
-                      phase=0.019 * rank)
-        scans = simulated(world, path, lidar, 1).scans
-        numbers = np.cumsum(rng.integers(3, 8, len(scans)))
-        kept += [(scans[number], rank) for number in numbers[numbers < len(scans)]]
-    sensors = Sensor('front'), Sensor('rear', mountings[0].inverse() @ mountings[1], rank=1)
-    odometry = Odometry()
-    updates = [odometry.process(scan, sensor=sensors[rank]) for scan, rank in sorted(kept, key=lambda s: s[0].stamp)]
-    assert all(update.status is not Status.FAILED for update in updates)
-    waiting = [number for number, update in enumerate(updates) if update.waits]
-    assert waiting[-1] < 40
-    rear = odometry.comparisons.lidars['rear']
-    assert not rear.unfit and not rear.disagrees
 
 
 def test_the_processor_time_is_that_of_a_scan_of_any_lidar():

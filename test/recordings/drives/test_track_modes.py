@@ -56,28 +56,12 @@ def test_a_scan_that_is_found_ends_coasting_and_loss(odometry, lost, mode):
     assert odometry._state.tracking.lost_time == 0.0
 
 
-def test_the_velocity_is_reset_when_the_track_is_lost(odometry):
-    list(modes(odometry, map(noise, range(10, 15))))
-    assert odometry._state.motion.has_velocity
-    list(modes(odometry, map(noise, range(15, 25))))
-    assert not odometry._state.motion.has_velocity
-
-
 def test_lost_with_an_external_prior_the_pose_follows_it(odometry):
     start = odometry._state.pose
     prior = Prior(SE2(0.03), np.diag((0.005, 0.005, 0.005)) ** 2)
     assert list(modes(odometry, map(noise, range(10, 30)), prior))[-1] is Mode.LOST
     moved = start.inverse() @ odometry._state.pose
     assert moved.x == pytest.approx(20 * 0.03, abs=0.01)
-
-
-@pytest.mark.filterwarnings('ignore:the stamps of the scans go back:UserWarning')
-def test_stamps_that_go_back_start_a_track(odometry):
-    assert list(modes(odometry, [dataclasses.replace(seen(0, 0.3), stamp=-1000 * TENTH)])) == [Mode.STARTING]
-
-
-def test_a_jump_forward_to_where_nothing_is_known_starts_a_track(odometry):
-    assert list(modes(odometry, [noise(1000)])) == [Mode.STARTING]
 
 
 def test_a_jump_forward_in_a_known_place_goes_on(odometry):
@@ -123,9 +107,3 @@ def test_a_sensor_that_was_carried_away_goes_on_by_a_chain_and_rejoins_the_map(s
     assert updates[-1].status is Status.OK and odometry._state.tracking.lost is None
     assert updates[-1].pose.x == pytest.approx(2.5, abs=0.02)
     assert max(np.abs(update.twist).max() for update in updates) < 0.5, 'a correction is no velocity'
-
-
-def test_a_reset_starts_a_track(odometry):
-    odometry.reset(SE2(1.0))
-    assert odometry._state.tracking.mode is Mode.STARTING
-    assert list(modes(odometry, [seen(20), seen(21)])) == [Mode.STARTING, Mode.TRACKING]

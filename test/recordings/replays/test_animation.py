@@ -16,8 +16,8 @@ def colour(image, index):
     return (np.asarray(image) == wanted).all(axis=2)
 
 
-@pytest.mark.parametrize('count', [20])
-def test_each_frame_shows_the_map_so_far_the_scan_and_the_sensor(scans, truth, tmp_path, count):
+def test_each_frame_shows_the_map_so_far_the_scan_and_the_sensor(scans, truth, tmp_path):
+    count = 20
     poses = np.array([pose.as_array() for pose in truth[:count]])
     density = density_map(scans[:count], poses)
     extent = density.extent

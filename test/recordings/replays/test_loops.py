@@ -33,15 +33,6 @@ def relations_of(poses, rng, spread):
     return np.column_stack((first, second)), motions, root @ root.transpose(0, 2, 1)
 
 
-def test_exact_relations_bring_poses_back():
-    truth, rng = ring(), np.random.default_rng(0)
-    pairs, motions, covariances = relations_of(truth, rng, 0.0)
-    start = truth + rng.normal(0.0, 0.1, truth.shape)
-    start[0] = truth[0]
-    found = optimise(start, Constraints(pairs, motions, covariances + 1e-4 * np.eye(3)))
-    assert found == pytest.approx(truth, abs=1e-6)
-
-
 def test_the_poses_are_those_of_robust_least_squares():
     """Scipy's minimum of the same sum: Cauchy's kernel of every relation's distance."""
     truth, rng = ring(), np.random.default_rng(1)

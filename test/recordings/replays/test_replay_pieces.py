@@ -21,7 +21,6 @@ from dbscan_reg_ros import RecordingError
 from dbscan_reg_ros.commands.replay import main
 from dbscan_reg_ros.recordings import data_folder, open_recording, read_tum
 from dbscan_reg_ros.recordings.bags.with_rosbags import MessageMaker
-from dbscan_reg_ros.recordings.conversion import Kept, convert
 from dbscan_reg_ros.recordings.message_fields import scan_fields
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
@@ -30,11 +29,7 @@ pytest.importorskip('rosbags')
 PYTHON_NAMES = re.compile('|'.join((r'Traceback', r'weakref', r'\b\w+Error\b', *(
     rf'\b{name}\b' for name, value in vars(builtins).items()
     if isinstance(value, type) and issubclass(value, BaseException) and name != 'Warning'))))
-WHOLE = 'intel.log.gz',
-"""Too long for the bounded form."""
-CUT = {'exp1.mcap': 8.0, 'kinect_55deg_25s.mcap': 8.0}
-"""In the bounded form only so many seconds of these."""
-PIECES, MANY_PIECES = 16, 200
+PIECES = 200
 SHORTEST, LONGEST = 0.3, 20.0
 """Length of a piece [s]."""
 YEAR = 365.25 * 86400.0
@@ -50,18 +45,6 @@ def recordings():
     folders = [shared / name for name in ('cases', 'data')]
     files = sorted(path for folder in folders for path in folder.rglob('*') if path.is_file() and path.suffix != '.md')
     return files + sorted({path.parent for path in files if path.name == 'metadata.yaml'})
-
-
-def pytest_generate_tests(metafunc):
-    long = metafunc.config.getoption('--long')
-    if 'path' in metafunc.fixturenames:
-        paths = recordings()
-        # A bag's folder and its file are the same recording, but where the folder is what is wrong.
-        paths = [path for path in paths if long or path.is_file() or 'unclear_bag_messages' in path.parts]
-        metafunc.parametrize('path', paths or [None], ids=[os.fspath(Path(*path.parts[-2:])) for path in paths]
-                             or ['none'])
-    if 'seed' in metafunc.fixturenames:
-        metafunc.parametrize('seed', range(MANY_PIECES if long else PIECES))
 
 
 def result_or_line(capsys, recording, out):
@@ -92,15 +75,8 @@ def checked(folder):
 
 
 @pytest.mark.long
-def test_every_recording_at_hand_ends_with_a_result_or_one_clear_line(path, capsys, tmp_path, request):
-    if path is None:
-        pytest.skip('needs the recordings in ../shared')
-    if not request.config.getoption('--long'):
-        if path.name in WHOLE:
-            pytest.skip('with --long: takes long')
-        if path.name in CUT:
-            convert(path, tmp_path / 'cut', Kept(end=CUT[path.name]))
-            path = tmp_path / 'cut'
+@pytest.mark.parametrize('path', recordings(), ids=lambda path: os.fspath(Path(*path.parts[-2:])))
+def test_every_recording_at_hand_ends_with_a_result_or_one_clear_line(path, capsys, tmp_path):
     folder = result_or_line(capsys, path, tmp_path / 'out')
     if folder:
         checked(folder)
@@ -141,6 +117,7 @@ def jumped(rng, stamps):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize('seed', range(PIECES))
 def test_a_random_piece_with_a_clock_that_jumps_ends_with_a_result_or_one_clear_line(seed, data, capsys, tmp_path):
     """Two scans or more give a result."""
     rng = np.random.default_rng(seed)

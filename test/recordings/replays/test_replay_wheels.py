@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replays with the recorded wheel odometry as the external prior."""
-import json
 import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bags import replayed
 
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.commands.simulate import main as simulate
@@ -28,11 +28,6 @@ def corridor(tmp_path_factory):
     assert simulate([str(folder), '--world', 'corridor', '--lidar', 'hokuyo_urg04lx', '--range-max', '2',
                      '--seconds', '12', '--seed', '2']) == 0
     return folder
-
-
-def replayed(recording, out, *arguments):
-    assert replay([str(recording), '--out', str(out), *arguments]) == 0
-    return json.loads((out / recording.name / 'latest' / 'metrics.json').read_text())
 
 
 def test_recorded_wheels_measure_the_motion_along_a_corridor(corridor, tmp_path, capsys):

@@ -53,17 +53,6 @@ def test_replay_prints_warnings_once_and_keeps_them_in_the_measures_and_on_the_p
 
 
 @needs_rosbags
-@pytest.mark.parametrize('name, limit',
-                         [('ranges_only', 'range_max 12 m'), ('ranges_and_range_max', 'range_max 12000 m')])
-def test_millimetres_are_reported_by_replay(cases, tmp_path, capsys, name, limit):
-    replay.main(['--out', str(tmp_path), str(cases / 'millimetres' / name)])
-    captured = capsys.readouterr()
-    text = captured.out + captured.err
-    assert text.count('the ranges look like millimetres: half of them are above 1314.39') == 1
-    assert limit in text
-
-
-@needs_rosbags
 def test_compare_and_tune_say_it_before_they_begin(cases, tmp_path, capsys):
     path = cases / 'replay_two_frames'
     compare.main(['--processes', '1', '--out', str(tmp_path), 'defaults', 'identity', str(path)])
