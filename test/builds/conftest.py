@@ -5,7 +5,6 @@ import sysconfig
 
 import pytest
 
-PACKAGE = 'dbscan_reg_ros'
 UNBUILT = shutil.ignore_patterns('.*', '__pycache__', 'build', 'results', '*.egg-info', '*.so')
 
 

@@ -40,10 +40,3 @@ def test_the_help_needs_no_build(copy):
     for words in (['--help'], ['replay', '--help'], ['--version']):
         subprocess.run([sys.executable, '-m', PACKAGE, *words], cwd=copy, check=True, capture_output=True, timeout=60,
                        env=os.environ | {'PYTHONPATH': str(copy)})
-
-
-def test_a_name_is_loaded_when_it_is_first_used(root):
-    code = ('import sys, dbscan_reg_ros as package; before = "numpy" in sys.modules; package.SE2;'
-            'print(before, "numpy" in sys.modules, "SE2" in vars(package))')
-    done = subprocess.run([sys.executable, '-c', code], cwd=root, capture_output=True, text=True, check=True)
-    assert done.stdout == 'False True True\n'

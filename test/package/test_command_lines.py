@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from dbscan_reg_ros import command_lines
-from dbscan_reg_ros.command_lines import ROOT, command_line, python_line, started_as, version
+from dbscan_reg_ros.command_lines import ROOT, python_line, started_as, version
 from dbscan_reg_ros.commands.command_line import make_parser
 
 ASK = 'import sys; sys.argv[0] = {started!r}; from dbscan_reg_ros.command_lines import command_line; ' \
@@ -28,11 +28,6 @@ def shown(started, **environment):
                           cwd=ROOT, capture_output=True, text=True, check=True, timeout=60).stdout.strip()
 
 
-def test_from_a_clone_it_runs_elsewhere(tmp_path):
-    assert said(command_line('convert', '--version'),
-                tmp_path) == f'dbscan_reg_ros {version()}\n'
-
-
 def test_from_a_clone_with_a_difficult_name_it_runs_elsewhere(root, tmp_path):
     clone = tmp_path / "robot's $HOME clone"
     clone.mkdir()
@@ -42,11 +37,6 @@ def test_from_a_clone_with_a_difficult_name_it_runs_elsewhere(root, tmp_path):
                           check=True,
                           timeout=60).stdout.strip()
     assert said(line, tmp_path) == f'dbscan_reg_ros {version()}\n'
-
-
-def test_what_ros2_run_has_started_is_named_so():
-    assert (shown('/home/me/ws/install/dbscan_reg_ros/lib/dbscan_reg_ros/replay')
-            == 'ros2 run dbscan_reg_ros convert --version')
 
 
 @pytest.mark.parametrize('on_path', [True, False])

@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -37,22 +36,17 @@ def without(root, tmp_path):
 
 
 @pytest.fixture
-def machine(monkeypatch):
-    """``machine(prefix, base, apt, ros, managed)``: the Python and the tools of another machine."""
-    def machine(prefix, base=None, apt=True, ros=False, managed=True):
+def machine(monkeypatch, tmp_path):
+    """``machine(prefix, base, ros, managed)``: the Python and the tools of another machine, which has apt."""
+    def machine(prefix, base=None, ros=False, managed=True):
         monkeypatch.setattr(sys, 'prefix', prefix)
         monkeypatch.setattr(sys, 'base_prefix', base or prefix)
         monkeypatch.setattr(sys, 'executable', f'{prefix}/bin/python3')
-        monkeypatch.setattr(shutil, 'which', lambda name: '/usr/bin/apt' if apt and name == 'apt' else None)
+        monkeypatch.setattr(shutil, 'which', lambda name: '/usr/bin/apt' if name == 'apt' else None)
         monkeypatch.setattr(requirements, 'ROS_SETUP', Path('/' if ros else '/nowhere'))
-        monkeypatch.setattr(sysconfig, 'get_path', lambda name: managed_folder if managed else '/nowhere')
-    managed_folder = None
-
-    def with_folder(folder):
-        nonlocal managed_folder
-        managed_folder = str(folder)
-        return machine
-    return with_folder
+        monkeypatch.setattr(sysconfig, 'get_path', lambda name: str(tmp_path) if managed else '/nowhere')
+    (tmp_path / 'EXTERNALLY-MANAGED').touch()
+    return machine
 
 
 @pytest.mark.parametrize('command', ['scan_matcher', 'replay', 'calibrate'])
@@ -107,14 +101,6 @@ def test_a_pair_is_registered_without_what_draws(without, tmp_path):
     assert (result.returncode, result.stderr) == (0, '') and 'transform   x 0.0000 m  y 0.0000 m' in result.stdout
 
 
-@pytest.mark.skipif(find_spec('rclpy') is None, reason='needs ROS 2 (rclpy)')
-def test_the_node_starts_without_scikit_learn(without):
-    """It ends at a parameter that is wrong, which it sees after all of it is imported."""
-    result = without(['sklearn', 'matplotlib', 'tqdm', 'rosbags'], 'scan_matcher', '--ros-args', '-p',
-                     'scan.range_max:=-1.0')
-    assert result.returncode == 2 and 'scan.range_max = -1.0: expected' in result.stderr
-
-
 def test_the_extra_of_the_package_has_what_the_commands_need(root):
     extra = re.search(r'^commands = \[(.*?)\]', (root / 'pyproject.toml').read_text(), re.MULTILINE)[1]
     assert {SOURCES[module].pypi for module in EXTRA} <= set(re.findall(r'"(\w+)"', extra))
@@ -122,36 +108,31 @@ def test_the_extra_of_the_package_has_what_the_commands_need(root):
         'numpy', 'scipy', 'yaml', 'matplotlib', 'tqdm'}
 
 
-def test_the_system_python_is_served_by_apt_and_a_virtual_environment_by_pip(machine, tmp_path):
-    (tmp_path / 'EXTERNALLY-MANAGED').touch()
-    on = machine(tmp_path)
-    on('/usr')
+def test_the_system_python_is_served_by_apt_and_a_virtual_environment_by_pip(machine):
+    machine('/usr')
     assert missing_line(['tqdm', 'matplotlib']) == ('needs tqdm and matplotlib, not installed here: '
                                                     'sudo apt install python3-tqdm python3-matplotlib')
-    on('/home/me/my env', '/usr')
+    machine('/home/me/my env', '/usr')
     assert missing_line(['tqdm', 'rosbags']).endswith(
         f"here: '/home/me/my env/bin/python3' -m pip install tqdm rosbags{WITH_EXTRA}")
-    on('/usr/local', managed=False)
+    machine('/usr/local', managed=False)
     assert missing_line(['tqdm']).endswith(f'here: /usr/local/bin/python3 -m pip install tqdm{WITH_EXTRA}')
 
 
-def test_what_ubuntu_has_no_package_of_goes_into_a_virtual_environment(machine, tmp_path, monkeypatch):
+def test_what_ubuntu_has_no_package_of_goes_into_a_virtual_environment(machine, monkeypatch):
     """Its own Python refuses pip."""
     monkeypatch.setenv('HOME', '/home/me')
-    (tmp_path / 'EXTERNALLY-MANAGED').touch()
-    machine(tmp_path)('/usr')
+    machine('/usr')
     assert missing_line(['tqdm', 'rosbags']) == (
         'needs tqdm and rosbags, not installed here: sudo apt install python3-tqdm && /usr/bin/python3 -m venv '
         '--system-site-packages /home/me/.venvs/dbscan_reg_ros && /home/me/.venvs/dbscan_reg_ros/bin/python -m pip '
         f'install rosbags{WITH_EXTRA}')
 
 
-def test_ros_is_sourced_where_it_is_there_and_comes_as_wheels_where_it_is_not(machine, tmp_path):
-    (tmp_path / 'EXTERNALLY-MANAGED').touch()
-    on = machine(tmp_path)
-    on('/usr', ros=True)
+def test_ros_is_sourced_where_it_is_there_and_comes_as_wheels_where_it_is_not(machine):
+    machine('/usr', ros=True)
     assert missing_line(['rclpy']) == 'needs ROS 2 (rclpy), not installed here: source /'
-    on('/venv', '/usr')
+    machine('/venv', '/usr')
     assert missing_line(['nav_msgs']).endswith("pip install 'ros-rclpy[fastrtps]==7.1.6' ros-common-interfaces==5.3.6")
 
 
