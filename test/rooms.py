@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scans and segments of walls that are known exactly."""
+import dataclasses
 import math
 
 import numpy as np
@@ -26,12 +27,48 @@ def outline(corners):
     return np.stack((corners, np.roll(corners, -1, axis=0)), axis=1)
 
 
+def seen(bearings, *walls):
+    """Points (N, 2) where beams meet the first of the lines ``n . p = d``."""
+    directions = np.stack((np.cos(bearings), np.sin(bearings)), axis=1)
+    ranges = np.full(len(bearings), np.inf)
+    for normal, distance in walls:
+        ranges = np.minimum(ranges, distance / np.maximum(directions @ np.array(normal), 1e-9))
+    return ranges[:, None] * directions
+
+
+def wall():
+    """A straight wall 2 m ahead, of 21 beams."""
+    return seen(0.02 * np.arange(-10, 11), ((1.0, 0.0), 2.0))
+
+
+def corner(vertex=10.0):
+    """21 beams into a square corner that lies at beam `vertex`, counted in fractions of a beam."""
+    half = math.sqrt(0.5)
+    return seen(0.02 * (np.arange(21) - vertex), ((half, half), 2.0), ((half, -half), 2.0))
+
+
+def pushed(points, errors):
+    """The points with beams that are too long, by errors [m]: number of a beam -> error."""
+    points = points.copy()
+    for beam, error in errors.items():
+        points[beam] *= 1.0 + error / np.hypot(*points[beam])
+    return points
+
+
 def look(walls, pose=SE2(), geometry=FULL, noise=0.0, seed=0) -> Scan:
     """What a lidar at `pose` measures of walls (S, 2, 2) [m]."""
     angles = geometry.bearings + pose.theta
     directions = np.stack((np.cos(angles), np.sin(angles)), axis=1)
     ranges = cast(np.array([[pose.x, pose.y]]), directions, np.asarray(walls, dtype=float), np.empty((0, 3)))
     return Scan(0, ranges + np.random.default_rng(seed).normal(0.0, noise, len(ranges)), geometry)
+
+
+def with_person(scan, bearing):
+    """The scan with a person a metre ahead of the sensor, and which beams hit them."""
+    body = np.array([(math.cos(bearing), math.sin(bearing), 0.25)])
+    ranges = cast(np.zeros((1, 2)), scan.geometry.directions, np.empty((0, 2, 2)), body)
+    hidden = ranges < scan.ranges
+    return dataclasses.replace(scan, ranges=np.where(hidden, ranges, scan.ranges)), hidden
 
 
 def room_log(path, count):

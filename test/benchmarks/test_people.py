@@ -6,18 +6,10 @@ import math
 import numpy as np
 import pytest
 from benchmarks.odometry.courses import strolled
+from rooms import with_person
 
 from dbscan_reg_ros import SE2, Odometry, Parameters, Status
 from dbscan_reg_ros.simulation import Lidar, Person, corridor, follow, rooms, simulate
-from dbscan_reg_ros.simulation.raycasting import cast
-
-
-def with_person(scan, bearing):
-    """The scan with a person in front, and which beams hit them."""
-    body = np.array([(math.cos(bearing), math.sin(bearing), 0.25)])
-    ranges = cast(np.zeros((1, 2)), scan.geometry.directions, np.empty((0, 2, 2)), body)
-    hidden = ranges < scan.ranges
-    return dataclasses.replace(scan, ranges=np.where(hidden, ranges, scan.ranges)), hidden
 
 
 @pytest.mark.parametrize(('size', 'held'), [(1.1, False), (0.0, True)])

@@ -239,24 +239,6 @@ def test_a_lidar_that_sees_the_robot_is_named_and_logged_once_with_its_mask(peer
     assert not list(bodies.found([front, rear]))
 
 
-def test_the_first_of_three_lidars_is_named_if_all_others_disagree_with_it_alike(peer, capfd):
-    """The base seems to be 5 cm to the left for the others: the first lidar is 5 cm to the right of its transform."""
-    lidars = [Lidar(f'{name}/scan', True, peer.node, None, rank)
-              for rank, name in enumerate(('front', 'left', 'right'))]
-    lidars[0].counters.mounting = Mounting(SE2(0.4, 0.0, math.radians(90.0)))
-    for lidar, given in zip(lidars[1:], (SE2(0.0, 0.3), SE2(0.0, -0.3)), strict=True):
-        lidar.counters.compared = compared(given, SE2(0.0, 0.05) @ given)
-    disagreements = Disagreements()
-    expected = '/front/scan: disagrees with all others, which agree with each other: its mounting is off by 5.0 cm'
-    assert [list(disagreements.found(lidars)) for _ in range(2)] == [[expected]] * 2
-    logged = capfd.readouterr().err
-    assert logged.count('disagrees') == 1 and logged.endswith(
-        f'{expected}; the others are not used until they agree with it; set its transform to x 0.400 m, y -0.050 m, '
-        'yaw 1.5708 rad (90.00 deg)\n')
-    lidars[2].counters.compared = None
-    assert [text.split(':')[0] for text in disagreements.found(lidars)] == ['/left/scan']
-
-
 def test_lidars_with_names_have_parameters_of_their_own(start_command, peer, drive, tmp_path):
     """No transforms: the poses are parameters. The mask of the rear lidar is set while the node runs."""
     scans, base_at = drive
@@ -288,5 +270,3 @@ def test_lidars_with_names_have_parameters_of_their_own(start_command, peer, dri
         true, pose = origin.inverse() @ base_at(in_nanoseconds(message.header.stamp)), pose_of(message)
         assert math.hypot(pose.x - true.x, pose.y - true.y) < 0.03
     only_the_rear_is_masked(peer, scans)
-
-

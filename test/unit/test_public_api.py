@@ -263,18 +263,6 @@ def test_records_are_shown_in_one_line(pair):
         assert len(text) < 250, text
 
 
-def test_the_numbers_of_a_record_are_its_own(pair):
-    scan = dataclasses.replace(pair[0], stamp=5)
-    returns = scan.ranges[scan.valid]
-    assert repr(scan) == (f'Scan(360 beams from {math.degrees(FULL.bearings[0]):.1f} to '
-                          f'{math.degrees(FULL.bearings[-1]):.1f} deg, '
-                          f'{len(returns)} returns at {returns.min():.2f} to {returns.max():.2f} m, stamp 5 ns)')
-    assert repr(Scan(0, np.full(360, math.nan), FULL)).endswith('0 returns, stamp 0 ns)')
-    found = register(*pair)
-    assert repr(found).startswith(f'Registration(x {found.transform.x:.4f} m, y {found.transform.y:.4f} m, theta ')
-    assert repr(found).endswith(f'{found.status.name})')
-
-
 def test_parameters_show_what_differs_from_the_defaults():
     assert repr(Parameters()) == 'Parameters()'
     changed = Parameters().replace({'scan.range_max': 12.0, 'odometry.reference': 'keyframe'})

@@ -135,16 +135,6 @@ def test_errors_of_noisy_points_count_in_units_of_their_noise():
     assert np.abs(found[0] - unweighted[0]).max() > 1e-4
 
 
-def test_only_points_noisier_than_usual_have_a_lower_inverse_noise():
-    features = extract_features(look(outline(L_ROOM), geometry=FULL, noise=0.02))
-    assert features.oriented_points.inverse_noise is None
-    noisy = features.with_noise_ratio(0.02).oriented_points
-    far = np.abs(noisy.points) > 2.5
-    assert 0.1 < far.mean() < 0.9
-    assert (noisy.inverse_noise[~far] == 1.0).all()
-    assert noisy.inverse_noise[far] == pytest.approx(2.5 / np.abs(noisy.points[far]))
-
-
 def test_far_walls_are_as_straight_as_their_noise_lets_them_be():
     """A hall of 16 m by 12 m, ranges off by 3 %.
 

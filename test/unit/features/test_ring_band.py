@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from rooms import corner, pushed, seen, wall
 
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.ring_band import Outcome, ring_band_filter
@@ -11,39 +12,10 @@ from dbscan_reg_ros.core.parameters.features import RingBandParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.scan import Scan
 
-STEP = 0.02
 NOISE = 0.004
 KEPT, SMOOTHED, REMOVED = Outcome.KEPT, Outcome.SMOOTHED, Outcome.REMOVED
 P4, P5, P6 = 9, 10, 11
 """The beams of Figure 1 within 21 beams, P5 in the middle."""
-
-
-def seen(bearings, *walls):
-    """Points (N, 2) where beams meet the first of the lines ``n . p = d``."""
-    directions = np.stack((np.cos(bearings), np.sin(bearings)), axis=1)
-    ranges = np.full(len(bearings), np.inf)
-    for normal, distance in walls:
-        ranges = np.minimum(ranges, distance / np.maximum(directions @ np.array(normal), 1e-9))
-    return ranges[:, None] * directions
-
-
-def wall(size=21):
-    """A straight wall 2 m ahead."""
-    return seen(STEP * (np.arange(size) - size // 2), ((1.0, 0.0), 2.0))
-
-
-def corner(vertex=float(P5)):
-    """21 beams into a square corner that lies at beam `vertex`, counted in fractions of a beam."""
-    half = math.sqrt(0.5)
-    return seen(STEP * (np.arange(21) - vertex), ((half, half), 2.0), ((half, -half), 2.0))
-
-
-def pushed(points, **metres):
-    """`points` with ``b10=0.1``: beam 10 is 0.1 m too long."""
-    points = points.copy()
-    for beam, error in metres.items():
-        points[int(beam[1:])] *= 1.0 + error / np.hypot(*points[int(beam[1:])])
-    return points
 
 
 def filtered(points, **changes):
@@ -58,7 +30,7 @@ def only(beam, outcome, size=21):
 
 @pytest.mark.parametrize('error', [0.12, -0.12])
 def test_figure_1a_noise_on_a_wall_becomes_the_mean_of_the_inner_ring(error):
-    points = pushed(wall(), b10=error)
+    points = pushed(wall(), {10: error})
     after, outcome = filtered(points)
     np.testing.assert_array_equal(outcome, only(P5, SMOOTHED))
     np.testing.assert_allclose(after[P5], points[P4:P6 + 1].mean(axis=0))
@@ -76,7 +48,7 @@ def test_figure_1b_a_corner_keeps_its_place(vertex):
 
 def test_figure_1c_noise_next_to_a_corner_is_removed():
     """The second wall begins just before P6, which would draw the mean off the first wall."""
-    points = pushed(corner(9.9), b10=0.15)
+    points = pushed(corner(9.9), {10: 0.15})
     after, outcome = filtered(points)
     np.testing.assert_array_equal(outcome, only(P5, REMOVED))
     assert np.isnan(after[P5]).all()
@@ -94,7 +66,7 @@ REGION_4 = 308
 @pytest.fixture
 def room():
     points = seen(BEARINGS, *ROOM)
-    return points, pushed(points, b178=0.15, b265=-0.15, b308=0.25)
+    return points, pushed(points, {178: 0.15, 265: -0.15, 308: 0.25})
 
 
 def corner_beams(points):
@@ -118,7 +90,7 @@ def test_figure_2_noise_on_walls_is_smoothed_and_removed_beside_a_corner_and_cor
 
 
 def test_a_gross_outlier_is_removed_and_not_smeared_over_three_beams():
-    points = pushed(wall(), b10=1.0)
+    points = pushed(wall(), {10: 1.0})
     after, outcome = filtered(points, gross_error=0.05)
     np.testing.assert_array_equal(outcome, only(P5, REMOVED))
     assert np.isfinite(np.delete(after, P5, axis=0)).all()
@@ -128,9 +100,9 @@ def test_a_gross_outlier_is_removed_and_not_smeared_over_three_beams():
 def test_consensus_judges_the_beams_at_both_ends():
     """The first and the last beam have no inner ring to average: they stay."""
     for beam in range(21):
-        outcome = filtered(pushed(wall(), **{f'b{beam}': 0.3}))[1]
+        outcome = filtered(pushed(wall(), {beam: 0.3}))[1]
         np.testing.assert_array_equal(outcome, only(beam, KEPT if beam in (0, 20) else SMOOTHED))
-        gross = filtered(pushed(wall(), **{f'b{beam}': 0.3}), gross_error=0.05)[1]
+        gross = filtered(pushed(wall(), {beam: 0.3}), gross_error=0.05)[1]
         np.testing.assert_array_equal(gross, only(beam, REMOVED))
 
 
@@ -141,7 +113,7 @@ def test_missing_returns_are_passed_over(missing):
     after, outcome = filtered(points)
     assert not outcome.any()
     np.testing.assert_array_equal(after, points)
-    after, outcome = filtered(pushed(points, b10=1.0), gross_error=0.05)
+    after, outcome = filtered(pushed(points, {10: 1.0}), gross_error=0.05)
     np.testing.assert_array_equal(outcome, only(P5, REMOVED))
 
 
@@ -149,7 +121,7 @@ def test_missing_returns_are_passed_over(missing):
 def test_where_most_beams_have_no_return_the_ring_is_made_of_returns(spacing):
     """The ring of beams holds too few of them to make a line."""
     points = np.full((21 * spacing, 2), np.nan)
-    points[::spacing] = pushed(wall(), b10=0.3)
+    points[::spacing] = pushed(wall(), {10: 0.3})
     np.testing.assert_array_equal(filtered(points, gross_error=0.05)[1], only(P5 * spacing, REMOVED, len(points)))
 
 
@@ -161,7 +133,7 @@ def test_both_sides_of_a_range_jump_are_kept():
 
 
 def test_the_features_of_a_scan_are_made_from_its_filtered_points():
-    points = pushed(seen(BEARINGS, *ROOM), b178=1.0)
+    points = pushed(seen(BEARINGS, *ROOM), {178: 1.0})
     scan = Scan.from_points(points, angle_increment=math.radians(1.0))
     assert REGION_1 in extract_features(scan, Parameters().replace({'advanced.filter.test': 'off'})).beams
     assert REGION_1 not in extract_features(scan).beams

@@ -167,10 +167,3 @@ def test_parts_of_one_wall_are_joined_across_a_gap_of_up_to_a_metre(missing, bea
     ranges[20:20 + missing] = np.inf
     found = extract_features(Scan(0, ranges, scan.geometry), PLAIN.replace({'advanced.segments.max_gap': 1})).segments
     assert found.beams.tolist() == beams
-
-
-def test_a_corner_ends_both_of_its_walls():
-    found = segments_of(outline(L_ROOM))
-    meeting = np.flatnonzero(found.kinds[:-1, 1] == EndKind.CORNER)
-    np.testing.assert_array_equal(found.kinds[meeting + 1, 0], EndKind.CORNER)
-    np.testing.assert_array_equal(found.end[meeting], found.start[meeting + 1])

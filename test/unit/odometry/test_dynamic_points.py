@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from rooms import FULL, HALF, L_ROOM, look, outline
+from rooms import FULL, HALF, L_ROOM, look, outline, with_person
 
 from dbscan_reg_ros import SE2, Odometry, Parameters
 from dbscan_reg_ros.core.features.extraction import extract_features
@@ -17,17 +17,8 @@ from dbscan_reg_ros.core.mapping.dynamic_points import (
 from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
 from dbscan_reg_ros.core.sensor import Sensor
-from dbscan_reg_ros.simulation.raycasting import cast
 
 HERE, THERE = SE2(-0.6, 0.3, 0.3), SE2(-0.8, 0.2, 0.1)
-
-
-def with_person(scan, bearing):
-    """The scan with a person in front, and which beams hit them."""
-    body = np.array([(math.cos(bearing), math.sin(bearing), 0.25)])
-    ranges = cast(np.zeros((1, 2)), scan.geometry.directions, np.empty((0, 2, 2)), body)
-    hidden = ranges < scan.ranges
-    return dataclasses.replace(scan, ranges=np.where(hidden, ranges, scan.ranges)), hidden
 
 
 def seen_from(pose, scan=None):

@@ -246,13 +246,6 @@ def test_stamps_far_in_the_past_restart_and_keep_the_pose():
     assert update.pose == last.pose
 
 
-def test_a_gap_is_reported_and_bridged_where_the_view_is_known():
-    odometry, poses = Odometry(), drive(31)
-    run(odometry, poses[:30])
-    update = odometry.process(dataclasses.replace(scan_at(poses[30], 30), stamp=40 * SECOND))
-    assert error(update, poses[30])[0] < 0.03
-
-
 def test_a_changed_number_of_beams_goes_on():
     odometry, poses = Odometry(), drive(40)
     coarse = ScanGeometry(-math.pi, 2.0 * FULL.angle_increment, FULL.size // 2)
@@ -342,15 +335,6 @@ def test_the_twist_after_a_scan_that_was_not_found_is_as_before():
     assert update.twist == pytest.approx([speed, 0.0, 0.0], abs=0.02)
 
 
-def test_without_deskewing_a_scan_is_taken_as_it_is():
-    """Also when the speed changes."""
-    odometry = Odometry(Parameters().replace({'odometry.deskew': False}))
-    poses = [SE2()] * 5 + [SE2(0.05 * k, 0.0, 0.0) for k in range(1, 6)]
-    for i, pose in enumerate(poses):
-        update = odometry.process(dataclasses.replace(scan_at(pose, i), time_increment=0.1 / FULL.size))
-        assert error(update, pose)[0] < 0.01
-
-
 def test_a_stamp_that_comes_twice_says_nothing_of_the_speed():
     odometry, poses = Odometry(), drive(20)
     last = run(odometry, poses)[-1]
@@ -367,20 +351,6 @@ def test_a_reset_starts_at_the_pose_given():
     assert update.pose == SE2(3.0, 2.0, 1.0)
     assert update.registration is None
     assert update.reference_changed
-
-
-def test_the_window_is_bounded():
-    odometry = Odometry(Parameters().replace({'odometry.key_frames': 4, 'advanced.odometry.key_frame_distance': 0.02}))
-    run(odometry, drive(30))
-    assert len(odometry._state.window.frames) == 4
-
-
-def test_parameters_count_from_the_next_scan_on():
-    odometry, poses = Odometry(), drive(10)
-    run(odometry, poses[:5])
-    odometry.parameters = odometry.parameters.replace({'advanced.scan.min_returns': 1000})
-    with pytest.raises(ScanError, match=r'advanced\.scan\.min_returns'):
-        odometry.process(scan_at(poses[5], 5))
 
 
 def test_a_sensor_at_rest_stays_nearer_to_its_place_than_its_noise():

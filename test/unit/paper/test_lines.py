@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from rooms import DEGREE, L_ROOM, look, outline
+from rooms import DEGREE, L_ROOM, corner, look, outline, pushed, wall
 
 from dbscan_reg_ros.core.features.ring_band import Outcome
 from dbscan_reg_ros.core.geometry.se2 import SE2, as_complex
@@ -22,42 +22,15 @@ from dbscan_reg_ros.core.paper.pipeline import ScanLines
 from dbscan_reg_ros.core.paper.ring_band import ring_band_filter
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 
-STEP, NOISE = 0.02, 0.005
+NOISE = 0.005
 SMOOTHED, REMOVED = Outcome.SMOOTHED, Outcome.REMOVED
-
-
-def seen(bearings, *walls):
-    """Points (N, 2) where beams meet the first of the lines ``n . p = d``."""
-    directions = np.stack((np.cos(bearings), np.sin(bearings)), axis=1)
-    ranges = np.full(len(bearings), np.inf)
-    for normal, distance in walls:
-        ranges = np.minimum(ranges, distance / np.maximum(directions @ np.array(normal), 1e-9))
-    return ranges[:, None] * directions
-
-
-def wall():
-    """A straight wall 2 m ahead, of 21 beams."""
-    return seen(STEP * np.arange(-10, 11), ((1.0, 0.0), 2.0))
-
-
-def corner(vertex):
-    """21 beams into a square corner that lies at beam `vertex`, counted in fractions of a beam."""
-    half = math.sqrt(0.5)
-    return seen(STEP * (np.arange(21) - vertex), ((half, half), 2.0), ((half, -half), 2.0))
-
-
-def pushed(points, beam, error):
-    """The points with one beam too long by an error [m]."""
-    points = points.copy()
-    points[beam] *= 1.0 + error / np.hypot(*points[beam])
-    return points
 
 
 @pytest.mark.parametrize('error', [0.12, -0.12])
 def test_figure_1a_noise_on_a_wall_becomes_the_mean_of_the_inner_ring(error):
     """The first four and the last three beams have no full ring."""
     for beam in range(21):
-        points = pushed(wall(), beam, error)
+        points = pushed(wall(), {beam: error})
         after, outcome = ring_band_filter(points)
         if not 4 <= beam < 18:
             assert not outcome[beam]
@@ -77,7 +50,7 @@ def test_figure_1b_a_corner_keeps_its_place(vertex):
 
 def test_figure_1c_noise_next_to_a_corner_is_removed():
     """The second wall begins just before the next beam, which would draw the mean off the first wall."""
-    after, outcome = ring_band_filter(pushed(corner(9.9), 10, 0.15))
+    after, outcome = ring_band_filter(pushed(corner(9.9), {10: 0.15}))
     assert outcome[10] == REMOVED and np.isnan(after[10]).all() and np.count_nonzero(outcome) == 1
 
 
@@ -85,7 +58,7 @@ def test_a_ring_across_a_range_jump_is_not_judged_and_missing_returns_are_passed
     for edge in range(3, 18):
         assert not ring_band_filter(np.where((np.arange(21) < edge)[:, None], wall(), 2.5 * wall()))[1].any()
     sparse = np.full((63, 2), np.nan)
-    sparse[::3] = pushed(wall(), 10, 0.3)
+    sparse[::3] = pushed(wall(), {10: 0.3})
     after, outcome = ring_band_filter(sparse)
     assert not outcome.any(), 'without a whole inner ring nothing is averaged'
     np.testing.assert_array_equal(after, sparse)

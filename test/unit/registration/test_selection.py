@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from rooms import FULL, HALF, L_ROOM, look, outline
+from rooms import FULL, L_ROOM, look, outline
 from scipy.spatial.distance import mahalanobis
 
 from dbscan_reg_ros import SE2, Parameters, Prior
@@ -14,7 +14,6 @@ from dbscan_reg_ros.core.registration.hypotheses import Candidates
 from dbscan_reg_ros.core.registration.ranking import rank_by_density
 from dbscan_reg_ros.core.registration.scoring import (
     distinct,
-    preselect,
     reverse_conflicts,
     same,
     scores,
@@ -66,20 +65,6 @@ def test_reference_points_in_the_free_space_of_the_current_scan_count_as_violati
     assert reverse_conflicts(Problem(features(START), current, ALIKE), rows(MOTION))[0] == 0.0
 
 
-def test_preselection_prefers_unseen_space_to_free_space():
-    """Half a scan from the middle of a hall, and a small room.
-
-    One side of it on a wall of the hall, or all of it behind.
-    """
-    hall, small = (outline(half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]))
-                   for half in (3.0, 1.0))
-    reference, current = extract_features(look(hall, geometry=HALF), ALIKE), features(SE2(), small)
-    at_the_wall, behind = rows(SE2(2.0, 0.0, 0.0)), rows(SE2(-3.0, 0.0, 0.0))
-    one = ALIKE.replace({'advanced.selection.preselected': 1}).selection
-    found = preselect(np.concatenate((at_the_wall, behind)), current.sampled_points, reference.free_space, one, DENSITY)
-    np.testing.assert_array_equal(found, behind)
-
-
 UNREFINED = {'advanced.refinement.coarse_iterations': 0}
 
 
@@ -129,11 +114,3 @@ def test_the_end_of_a_corridor_is_found_along_it(off):
     found = search_degenerate_direction(rows(away, truth), np.array([axis, axis + math.pi]),
                                         Problem(reference, current, ALIKE))
     assert np.abs(found - truth.as_array()).max() <= 0.2 * SCORE_SCALE + 0.005
-
-
-def test_without_points_that_face_along_it_a_degenerate_direction_is_not_searched():
-    walls = np.array([[(-60.0, -1.0), (60.0, -1.0)], [(60.0, 1.2), (-60.0, 1.2)]])
-    scan = features(SE2(0.0, 0.0, 0.7), walls)
-    candidates = rows(SE2(0.3, 0.0, 0.0))
-    found = search_degenerate_direction(candidates, np.array([-0.7]), Problem(scan, scan, ALIKE))
-    np.testing.assert_array_equal(found, candidates)

@@ -11,13 +11,12 @@ from rooms import segments_between as walls
 
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.records import EndKind, Segments
-from dbscan_reg_ros.core.geometry.se2 import SE2, wrap
+from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.parameters.registration import RotationParameters, TranslationParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.clustering import translation
 from dbscan_reg_ros.core.registration.clustering.rotation import estimate_rotations, pair_weights
 from dbscan_reg_ros.core.registration.clustering.translation import estimate_translations, heaviest_motions
-from dbscan_reg_ros.core.registration.hypotheses import Rotations
 
 MOTION = SE2(0.4, -0.3, 0.2)
 LINES_ONLY = TranslationParameters(end_weight=0.0)
@@ -102,19 +101,3 @@ def test_occluded_ends_have_little_weight():
         room = walls(((0.0, 1.0), (5.0, 1.0)), kind=kind)
         weights[kind] = translations(room, room, TranslationParameters()).sample_weight.sum()
     assert weights[EndKind.OCCLUSION] == pytest.approx(0.1 * weights[EndKind.CORNER])
-
-
-def test_lines_that_a_rotation_makes_parallel_weigh_by_how_well_it_does(monkeypatch):
-    """Corners of five walls, off by multiples of the sigma of 0.06 rad; each start and each end is a sample."""
-    off = np.array([(0.0, 1.0, 1.5), (-1.0, 2.1, 0.0)])
-    phi = np.array([3.1, -1.0])
-    rotations = Rotations(phi, np.ones(2), wrap(3.1 + 0.06 * off), np.zeros((2, 3), dtype=int), 0.1)
-    weights = np.arange(1.0, 7.0).reshape(2, 3)
-    here, there = (walls(*[((0.0, k), (1.0, k)) for k in range(count)], kind=EndKind.CORNER) for count in (2, 3))
-    for most, expected in ((100, [6.0, 4.0 * math.exp(-0.5), 2.0 * math.exp(-0.5), 1.0, 3.0 * math.exp(-1.125)]),
-                           (2, [6.0, 4.0 * math.exp(-0.5)])):
-        monkeypatch.setattr(translation, 'MAX_PAIRS', most)
-        monkeypatch.setattr(translation, 'MIN_CROSSING_SINE', 1.0)
-        found = estimate_translations(here, there, rotations, weights, TranslationParameters(end_weight=1.0))
-        assert not found.rotation.any()
-        assert found.sample_weight == pytest.approx([*expected, *expected])

@@ -15,7 +15,6 @@ from dbscan_reg_ros.simulation import (
     Person,
     WheelErrors,
     World,
-    corridor,
     follow,
     hall,
     measure,
@@ -27,9 +26,7 @@ from dbscan_reg_ros.simulation import (
 from dbscan_reg_ros.simulation.raycasting import cast
 from dbscan_reg_ros.simulation.worlds import box, clearance
 
-NO_CIRCLES = np.empty((0, 3))
 NO_SEGMENTS = np.empty((0, 2, 2))
-WORLDS = {'rooms': rooms, 'corridor': corridor, 'hall': hall}
 
 
 def exact(name):
@@ -48,14 +45,6 @@ def rng():
 def on_surfaces(world, points):
     """Distance of each point from the world's walls and columns."""
     return np.abs(clearance(points, world.segments, world.circles))
-
-
-def test_ranges_in_a_square_room_are_those_of_the_formula():
-    angles = np.linspace(-math.pi, math.pi, 720)
-    ranges = cast(np.array([(1.0, 0.5)]), directions(angles), box(0.0, 0.0, 6.0, 4.0, 0.0), NO_CIRCLES)
-    to_x = np.where(np.cos(angles) > 0, 2.0, -4.0) / np.cos(angles)
-    to_y = np.where(np.sin(angles) > 0, 1.5, -2.5) / np.sin(angles)
-    np.testing.assert_allclose(ranges, np.minimum(to_x, to_y), atol=1e-12)
 
 
 def test_a_column_hides_what_is_behind_it_and_nothing_beside_it():
@@ -157,14 +146,6 @@ def test_registration_of_scans_without_noise_is_exact(make, name):
         found = register(*(extract_features(measure(world, [pose], lidar, rng())) for pose in (first, second)))
         error = (SE2.from_array(first).inverse() @ SE2.from_array(second)).inverse() @ found.transform
         assert math.hypot(error.x, error.y) < 1e-4 and abs(error.theta) < 1e-4
-
-
-@pytest.mark.parametrize('make', WORLDS.values(), ids=WORLDS)
-@pytest.mark.parametrize('seed', range(3))
-def test_tours_touch_nothing(make, seed):
-    world = make(seed=seed)
-    path = follow(world.tour)
-    assert clearance(path.poses[::10, :2], world.segments, world.circles).min() > 0.3
 
 
 def test_a_person_walks_to_and_fro():
