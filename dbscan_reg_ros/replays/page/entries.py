@@ -32,19 +32,9 @@ DRIFT = 5.0
 
 
 def replay_entry(name, folder, measures, density, lines) -> DriveEntry:
-    """Return the entry of a replay in the index of several replays.
+    """Return the entry of a replay with its results in `folder`, in the index of several replays.
 
-    Parameters
-    ----------
-    name : str
-        Name of the recording.
-    folder : Path
-        Folder of the results.
-    measures : dict
-        Measures of the replay, named as in ``metrics.json``.
-    density : DensityMap
-    lines : list of (str, str, (N, 2) float [m])
-        Kind, name and positions of the trajectories.
+    `measures` are those of ``metrics.json``, `lines` kind, name and positions ``(N, 2)`` [m] of the trajectories.
     """
     drift = measures.get('rpe_5m_mean_m')
     error = measures.get('rpe_1m_mean_m', measures.get('relations_neighbour_mean_m'))
@@ -64,15 +54,7 @@ def write_replay_index(out, entries):
 def write_comparison_page(path, recording, known, trajectories, names) -> SmallMap:
     """Write the page of a recording that shows all competitors; return its map for the index.
 
-    Parameters
-    ----------
-    path : Path
-    recording : Recording
-    known : KnownMotion
-    trajectories : list of Trajectory
-        Trajectories of the competitors; the scans are drawn at the poses of the first, A.
-    names : list of str
-        Names of the competitors.
+    The scans are drawn at the poses of the first of the `trajectories`, A.
     """
     ours, history = trajectories[0], ScanHistory()
 
@@ -93,16 +75,7 @@ def write_comparison_page(path, recording, known, trajectories, names) -> SmallM
 
 
 def comparison_entry(link, small, results) -> DriveEntry:
-    """Return the entry of a recording in the index of a comparison.
-
-    Parameters
-    ----------
-    link : str
-        Address of the page of the recording.
-    small : SmallMap
-    results : list of CompetitorResult
-        Results of the competitors on the recording.
-    """
+    """Return the entry of a recording in the index of a comparison; `link` is the address of its page."""
     rows = [[f'{each.letter}: {each.name}', each.verdict, *each.errors(), number(each.driven, 1), each.with_pose,
              str(each.not_ok)] for each in results]
     return DriveEntry(results[0].recording, link, rows, small, grouped_notes(results))

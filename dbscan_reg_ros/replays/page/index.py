@@ -21,42 +21,28 @@ DASHES = {'truth': '7 4', 'other0': '12 4', 'other1': '3 3', 'other2': '12 3 3 3
 
 
 class SmallMap(NamedTuple):
-    """Small map of a drive in the index.
-
-    Attributes
-    ----------
-    image : str
-        Picture of the map as a data URL.
-    extent : (left, right, bottom, top) [m]
-    lines : list of (str, str, list of (N, 2) float [m])
-        Kind and name of each trajectory, and the positions of its parts, which end where positions are unknown.
-    """
+    """Small map of a drive in the index."""
 
     image: str
+    """Picture of the map as a data URL."""
     extent: tuple
+    """(left, right, bottom, top) [m]"""
     lines: list
+    """list of (str, str, list of (N, 2) float [m]): kind and name of each trajectory, and the positions of its parts,
+    which end where positions are unknown."""
 
 
 class DriveEntry(NamedTuple):
-    """Entry of a drive in the index.
-
-    Attributes
-    ----------
-    name : str
-    link : str
-        Address of the page of the drive, relative to the index; empty without a page.
-    rows : list of list of str
-        Table rows of the drive.
-    map : SmallMap
-    notes : sequence of str
-        Sentences shown below the map.
-    """
+    """Entry of a drive in the index."""
 
     name: str
     link: str
+    """Address of the page of the drive, relative to the index; empty without a page."""
     rows: list
+    """list of list of str: table rows of the drive."""
     map: SmallMap
     notes: Sequence[str] = ()
+    """Sentences shown below the map."""
 
 
 def small_map(density, lines) -> SmallMap:
@@ -80,30 +66,18 @@ def _thinned(positions):
 
 
 class Columns(NamedTuple):
-    """Columns of the table of an index.
+    """Columns of the table of an index."""
 
-    Attributes
-    ----------
-    names : list of str
-        Headings, beginning with that of the row headings.
-    terms : str
-        Sentences that explain the columns.
-    """
-
-    names: list
+    names: list[str]
+    """Headings, beginning with that of the row headings."""
     terms: str
+    """Sentences that explain the columns."""
 
 
 def write_index(path, title, columns, entries):
     """Write the index of several drives as an HTML page.
 
-    Parameters
-    ----------
-    path : Path
-    title : str
-    columns : Columns
-        If the first column is called ``recording``, each drive has one row; else a row with its name precedes its rows.
-    entries : list of DriveEntry
+    If the first column is called ``recording``, each drive has one row; else a row with its name precedes its rows.
     """
     head = ''.join(f'<th scope="col">{escape(column)}</th>' for column in columns.names)
     single = columns.names[0] == 'recording'

@@ -21,35 +21,23 @@ MOST_POINTS = 2_500_000
 
 
 class ScanRecord(NamedTuple):
-    """Data of one scan that the page shows.
-
-    Attributes
-    ----------
-    number, reference_number : int
-        Numbers of the scan and of its reference among the scans used, from 0; -1: no reference.
-    status : Status
-    reason : str
-        Why the status is not ``OK``, or why tracking restarted.
-    overlap : float
-        Fraction of the returns on the reference's surfaces, 0..1; 0 if not registered.
-    key_frame : bool
-    covariance : (3, 3) float
-        Covariance of the pose (x, y, theta) in the frame of the trajectory [m, m, rad].
-    points : (P, 2) int16
-        Returns in the frame of the sensor, in units of `RESOLUTION`.
-    segments : (K, 4) int16
-        Start and end of each segment, in the same frame and units as `points`.
-    """
+    """Data of one scan that the page shows."""
 
     number: int
     reference_number: int
+    """Numbers of the scan and of its reference among the scans used, from 0; -1: no reference."""
     status: Status
     reason: str
+    """Why the status is not ``OK``, or why tracking restarted."""
     overlap: float
+    """Fraction of the returns on the reference's surfaces, 0..1; 0 if not registered."""
     key_frame: bool
     covariance: np.ndarray
+    """Covariance of the pose (x, y, theta) in the frame of the trajectory [m, m, rad] ``(3, 3)``."""
     points: np.ndarray
+    """Returns in the frame of the sensor, in units of `RESOLUTION` ``(P, 2)`` int16."""
     segments: np.ndarray
+    """Start and end of each segment, in the same frame and units as `points` ``(K, 4)`` int16."""
 
 
 class ScanHistory:
