@@ -2,6 +2,7 @@
 """Command-line arguments, errors and exit statuses shared by all commands."""
 import argparse
 import itertools
+import math
 import os
 import signal
 import sys
@@ -9,6 +10,7 @@ import traceback
 from concurrent.futures import BrokenExecutor
 from contextlib import nullcontext, suppress
 from pathlib import Path
+from typing import Any
 
 from ..allocation import keep_freed_memory
 from ..command_lines import add_version, started_as
@@ -19,19 +21,14 @@ from ..requirements import ROS, MissingPackages, check_packages, is_there, missi
 
 FAILED, BAD_INPUT, INCOMPLETE, INTERRUPTED = 1, 2, 3, 130
 MOST_SHOWN = 5
-LARGEST_SEED = 2**32 - 1
-SMALLEST_CELL, LARGEST_CELL = 0.001, 10
-"""Limits of the side of a cell of a grid [m]."""
-SMALLEST_SIDE, LARGEST_SIDE = 2.0, 50.0
-"""Limits of the sides of a picture [inch]."""
-LARGEST_PORT = 65535
 BAGS = '.bag', '.mcap', '.db3'
 LOGS = '.log', '.log.gz'
 """Endings of the file names of bags and of CARMEN logs."""
 
 
-SEVERAL = {'action': 'append', 'help': 'topic of the scans; required if there are several topics of scans. If given '
-           'more than once, the poses are those of the lidar of the first topic; the other lidars are used as well'}
+SEVERAL: dict[str, Any] = {
+    'action': 'append', 'help': 'topic of the scans; required if there are several topics of scans. If given more than '
+    'once, the poses are those of the lidar of the first topic; the other lidars are used as well'}
 """Settings of ``--topic`` in commands that take several lidars."""
 
 
@@ -71,6 +68,20 @@ class CommandParser(argparse.ArgumentParser):
         return ordered
 
 
+def number(kind, low, high, expected):
+    """Return a function that reads an argument: a number of this `kind`, int or float, from `low` to `high`."""
+    def read(text):
+        with suppress(ValueError):
+            if low <= kind(text) <= high:
+                return kind(text)
+        raise argparse.ArgumentTypeError(f'{text!r}: expected {expected}')
+    return read
+
+
+positive = number(int, 1, math.inf, 'a whole number above 0')
+seed = number(int, 0, 2**32 - 1, f'a whole number from 0 to {2**32 - 1}')
+
+
 def make_parser(command, description, verbose='show the traceback of an error') -> CommandParser:
     """Make a parser with the options that every command takes."""
     parser = CommandParser(prog=command, description=description,
@@ -80,24 +91,12 @@ def make_parser(command, description, verbose='show the traceback of an error') 
     return parser
 
 
-def add_topic(parser, settings):
-    """Add the argument ``--topic`` with the argparse `settings`."""
-    parser.add_argument('--topic', **settings)
-
-
-def add_recording(parser, topic):
-    """Add the arguments that name a recording; `topic`: see `add_topic`."""
-    parser.add_argument('file', metavar='FILE', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag; '
+def add_recording(parser, topic, several=False):
+    """Add the arguments that name a recording, or `several`, and the topic, with its argparse settings."""
+    name, count = ('files', '+') if several else ('file', None)
+    parser.add_argument(name, metavar='FILE', nargs=count, help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag; '
                         'also searched for below the data folder')
-    add_topic(parser, topic)
-    add_data(parser)
-
-
-def add_recordings(parser, topic):
-    """Add the arguments that name recordings; `topic`: see `add_topic`."""
-    parser.add_argument('files', metavar='FILE', nargs='+', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag; '
-                        'also searched for below the data folder')
-    add_topic(parser, topic)
+    parser.add_argument('--topic', **topic)
     add_data(parser)
 
 
@@ -120,15 +119,8 @@ def add_pictures(parser):
     """Add the arguments that choose the format and the size of pictures."""
     parser.add_argument('--format', choices=('png', 'pdf', 'svg'), default='png', help='format of the pictures; those '
                         'in pdf and svg are for papers: without titles and captions (default: png)')
-    parser.add_argument('--size', type=inches, nargs=2, metavar=('WIDTH', 'HEIGHT'), help='size of each picture [inch]')
-
-
-def inches(text) -> float:
-    """Read an argument that is a side of a picture [inch]."""
-    with suppress(ValueError):
-        if SMALLEST_SIDE <= float(text) <= LARGEST_SIDE:
-            return float(text)
-    raise argparse.ArgumentTypeError(f'{text!r}: expected {SMALLEST_SIDE:g} to {LARGEST_SIDE:g} inches')
+    parser.add_argument('--size', type=number(float, 2.0, 50.0, '2 to 50 inches'), nargs=2,
+                        metavar=('WIDTH', 'HEIGHT'), help='size of each picture [inch]')
 
 
 def add_workers(parser):
@@ -137,36 +129,6 @@ def add_workers(parser):
                         help='number of parallel processes (default: one per processor)')
     parser.add_argument('--scheduler', metavar='ADDRESS', help='run on the Dask cluster of this scheduler instead '
                         'of local processes, e.g. tcp://10.0.0.1:8786; its workers must have access to the same files')
-
-
-def positive(text) -> int:
-    """Read an argument that is a whole number above 0."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f'{text!r}: expected a whole number above 0')
-    return int(text)
-
-
-def cell_size(text) -> float:
-    """Read an argument that is the side of a cell of a grid [m]."""
-    with suppress(ValueError):
-        if SMALLEST_CELL <= float(text) <= LARGEST_CELL:
-            return float(text)
-    raise argparse.ArgumentTypeError(f'{text!r}: expected the side of a cell, {SMALLEST_CELL} to {LARGEST_CELL} m; '
-                                     'without a number, write the option behind the recordings')
-
-
-def port(text) -> int:
-    """Read an argument that is a port number."""
-    if not text.isdecimal() or not 1 <= int(text) <= LARGEST_PORT:
-        raise argparse.ArgumentTypeError(f'{text!r}: expected a port from 1 to {LARGEST_PORT}')
-    return int(text)
-
-
-def seed(text) -> int:
-    """Read an argument that is the seed of random numbers."""
-    if not text.isdecimal() or int(text) > LARGEST_SEED:
-        raise argparse.ArgumentTypeError(f'{text!r}: expected a whole number from 0 to {LARGEST_SEED}')
-    return int(text)
 
 
 def shortened(problems) -> list:

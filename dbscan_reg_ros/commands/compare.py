@@ -14,7 +14,7 @@ from .command_line import (
     CommandError,
     add_mounting,
     add_pictures,
-    add_recordings,
+    add_recording,
     add_workers,
     make_parser,
     note_unused,
@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                         'defaults); or MODULE:FUNCTION or MODULE:CLASS, as for --method; or NAME=FILE, as for '
                         '--trajectory')
     parser.add_argument('b', metavar='B', help='as A')
-    add_recordings(parser, SEVERAL)
+    add_recording(parser, SEVERAL, several=True)
     add_mounting(parser)
     parser.add_argument('--method', metavar='METHOD', action='append', default=[], help='another competitor: a method; '
                         'or MODULE:FUNCTION (a module in the current folder or installed), a function (reference, '

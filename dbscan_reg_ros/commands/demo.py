@@ -13,7 +13,6 @@ from .command_line import (
     CommandError,
     add_data,
     add_parameters,
-    add_topic,
     explain,
     make_parser,
     run,
@@ -33,7 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                                  'error of the odometry. Writes trajectory.tum and map.png.')
     parser.add_argument('file', metavar='FILE', nargs='?', help='CARMEN log (plain or gzip), ROS 1 bag or ROS 2 bag '
                         '(default: the simulated building)')
-    add_topic(parser, SEVERAL)
+    parser.add_argument('--topic', **SEVERAL)
     add_data(parser)
     add_parameters(parser)
     parser.add_argument('--live', action='store_true', help='play in real time and show the drive on a page in a '

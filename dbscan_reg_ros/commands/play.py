@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """``play FILE``: publish a recording to a running node."""
-import argparse
 import math
 import signal
 import sys
@@ -14,9 +13,12 @@ from .command_line import (
     add_recording,
     is_topic,
     make_parser,
+    number,
     run,
     shortened,
 )
+
+ABOVE_0 = number(float, math.nextafter(0.0, 1.0), math.nextafter(math.inf, 0.0), 'a number above 0')
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -35,13 +37,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.end_list('--topics', is_topic)
     more.add_argument('--all', action='store_true', help='publish every recorded topic')
     speed = parser.add_mutually_exclusive_group()
-    speed.add_argument('--rate', type=_positive, default=1.0, metavar='R', help='play R times as fast as recorded '
+    speed.add_argument('--rate', type=ABOVE_0, default=1.0, metavar='R', help='play R times as fast as recorded '
                         '(default: 1)')
     speed.add_argument('--lockstep', action='store_true',
                        help='publish scans as fast as the node answers on odom, so that no scan of --topic is '
                             'skipped; while the first of several topics is silent, the others come in real time')
     parser.add_argument('--clock', action='store_true', help='publish /clock, for nodes with use_sim_time')
-    parser.add_argument('--wait', type=_positive, default=10.0, metavar='S',
+    parser.add_argument('--wait', type=ABOVE_0, default=10.0, metavar='S',
                         help='wait at most S seconds for a subscriber of the scans (default: 10)')
 
     def work(args):
@@ -97,13 +99,3 @@ def report(recording, answers, problems, several):
         print('messages', *(f'{topic} {count}' for topic, count in answers.passed.items()))
     topic = f'{recording.topic}: ' if several else ''
     print(f'{topic}scans {len(answers.stamps)} answered {len(answers.stamps) - answers.lost} skipped {answers.lost}')
-
-
-def _positive(text):
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f'{text!r}: expected a number above 0')
-    return value

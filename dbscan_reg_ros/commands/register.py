@@ -14,7 +14,6 @@ from .command_line import (
     add_mounting,
     add_parameters,
     add_pictures,
-    add_topic,
     make_parser,
     note_unused,
     note_warnings,
@@ -40,9 +39,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('numbers', metavar='N', nargs='*', type=int, help='for a recording: the numbers of the '
                         'reference scan and of the current scan, from 0; for a snapshot: the number of the scan '
                         '(default: the last)')
-    add_topic(parser, SEVERAL | {'help': 'topic of the scans; required if there are several topics of scans. If given '
-                                 'more than once, the scans of all these lidars are counted together in the order of '
-                                 'their stamps, as in replay, and the motion is that of the lidar of the first topic'})
+    parser.add_argument('--topic', **SEVERAL | {
+        'help': 'topic of the scans; required if there are several topics of scans. If given more than once, the scans '
+        'of all these lidars are counted together in the order of their stamps, as in replay, and the motion is that '
+        'of the lidar of the first topic'})
     add_mounting(parser)
     add_data(parser)
     add_parameters(parser, otherwise='; for a snapshot, the parameters stored in it; with other parameters, its scans '

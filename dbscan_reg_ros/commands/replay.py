@@ -15,19 +15,21 @@ from .command_line import (
     SEVERAL,
     add_mounting,
     add_parameters,
-    add_recordings,
+    add_recording,
     add_workers,
-    cell_size,
     complain,
     explain,
     make_parser,
     note_unused,
+    number,
     run,
     shortened,
 )
 
 RESOLUTION = 0.05
 """Side [m] of the cells of the occupancy grid, unless another is given."""
+CELL = number(float, 0.001, 10.0, 'the side of a cell, 0.001 to 10 m; without a number, write the option behind the '
+              'recordings')
 AT_A_TIME = 50
 """Number of scans that are reported together: one by one takes longer, as the odometry evicts the code from caches."""
 
@@ -40,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'parameters used. Exit status 0: all results are written; 3: some are not, for example '
                          'because the disk is full, and standard error names them; 2: an argument or a recording '
                          'cannot be used; 130: interrupted; 1: any other failure.')
-    add_recordings(parser, SEVERAL)
+    add_recording(parser, SEVERAL, several=True)
     add_mounting(parser)
     parser.add_argument('--wheels', action='store_true', help='use the wheel odometry of the recording as the external '
                         'prior, as the node with prior.source odometry does (default: only with this value of '
@@ -67,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--animation', action='store_true', help='also write a moving picture of 12 s: each scan on '
                         'the growing map, then the closed map; animation.gif, its last frame animation.png, and '
                         'animation.mp4 where ffmpeg is found')
-    parser.add_argument('--grid', type=cell_size, nargs='?', const=RESOLUTION, metavar='M', help='also write '
+    parser.add_argument('--grid', type=CELL, nargs='?', const=RESOLUTION, metavar='M', help='also write '
                         'map.pgm and map.yaml, an occupancy grid with cells of M [m] as nav2_map_server loads it; with '
                         f'--close-loops of the corrected trajectory (default: {RESOLUTION:g})')
     add_workers(parser)

@@ -16,7 +16,7 @@ from .command_line import (
     CommandError,
     add_mounting,
     add_parameters,
-    add_recordings,
+    add_recording,
     add_workers,
     make_parser,
     note_unused,
@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'recordings. Running the '
                          'same command again continues an interrupted search. The result depends on the seed, not on '
                          'the number of processes.')
-    add_recordings(parser, SEVERAL)
+    add_recording(parser, SEVERAL, several=True)
     add_mounting(parser)
     parser.add_argument('--held-out', nargs='+', default=[], metavar='FILE', help='recordings with known truth that '
                         'the search does not use; the decrease of the error is measured on them')

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from ..command_lines import split_arguments
 from ..endings import interruptible
-from .command_line import INTERRUPTED, make_parser, port, run
+from .command_line import INTERRUPTED, make_parser, number, run
 
 PORT = 8710
 OPENED = 'a browser is connected'
@@ -27,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                         help='address of this computer that browsers connect to (default: %(default)s, this computer '
                         'alone). With another address, everybody in the network who knows the printed address can see '
                         'the page')
-    parser.add_argument('--port', type=port, default=PORT, metavar='N',
+    parser.add_argument('--port', type=number(int, 1, 65535, 'a port from 1 to 65535'), default=PORT, metavar='N',
                         help='first port to try; if it is busy, the next free port is used (default: %(default)s)')
 
     def work(args):
