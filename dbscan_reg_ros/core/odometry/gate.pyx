@@ -55,16 +55,14 @@ cdef class Gate:
 
     cdef readonly object predictions, sensor
     cdef readonly bint weak_prior
-    cdef object _given, _tracking, _parameters, _found, _unconfirmed
+    cdef object _given, _tracking, _parameters, _found
     cdef double _time_since_found
     cdef bint _wheels_slip
 
     def __init__(self, predictions, tracking, parameters, sensor=FIRST):
         self._given, predictions = predictions, predictions.of(sensor)
         self.predictions, self._tracking, self._parameters, self.sensor = predictions, tracking, parameters, sensor
-        found, unconfirmed = tracking.found, tracking.unconfirmed
-        self._found = found and sensor.pose_at(found)
-        self._unconfirmed = unconfirmed and sensor.pose_at(unconfirmed)
+        self._found = tracking.found and sensor.pose_at(tracking.found)
         best, motion, p = predictions.best, predictions.motion, parameters
         self.weak_prior = (best.prior.translation_sigma > WEAK_PRIOR_SIGMA
                             or p.prior.gate * best.prior.rotation_sigma > RIGHT_ANGLE)
@@ -183,14 +181,10 @@ cdef class Gate:
         """Decide whether a reliable result outside the gates is accepted; the pose then jumps."""
         if self._scores_poorly(score):
             return Verdict(Decision.REJECT, Reason.POOR_SCORE)
-        motion, unconfirmed = self.predictions.motion, self._unconfirmed
         unknown = unknown_motion_covariance(self.predictions.interval, self._parameters)
-        if self._within(pose, motion.pose, unknown) and not self._leaps(pose):
+        if self._within(pose, self.predictions.motion.pose, unknown) and not self._leaps(pose):
             return Verdict(Decision.ACCEPT, Reason.UNKNOWN_MOTION)
-        prior = motion.prior
-        if unconfirmed is not None and self._within(pose, unconfirmed @ prior.transform, prior.covariance):
-            return Verdict(Decision.ACCEPT, Reason.CONFIRMED)
-        return Verdict(Decision.REJECT, Reason.UNCONFIRMED)
+        return Verdict(Decision.REJECT, Reason.OUTSIDE)
 
     def asks_for_search_within(self, pose, registration):
         """Whether to search again inside the gate, as the result is not ``OK`` and outside it (symmetric corridors)."""
@@ -239,9 +233,10 @@ cdef class Gate:
         This holds for a scan registered to the map before a loss, for an outlier after a loss, and for a result that
         differs from a reliable prediction by more than 1 m/s.
         """
-        if verdict.reason is Reason.REJOINED or (verdict.outlier and self._tracking.lost_time > 0.0):
+        reason = verdict.reason
+        if reason is Reason.REJOINED or (reason is Reason.UNKNOWN_MOTION and self._tracking.lost_time > 0.0):
             return True
-        return verdict.reason is not Reason.WITHIN_GATE and self._leaps(pose)
+        return reason is not Reason.WITHIN_GATE and self._leaps(pose)
 
     cdef bint _leaps(self, SE2 pose):
         """Whether a result differs from a prediction that is not weak by more than 1 m/s.

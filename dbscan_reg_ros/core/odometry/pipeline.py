@@ -274,7 +274,7 @@ class Odometry:
             outcome = ReferenceSearch(features, self._state, used, self._parameters, self._search_parameters).run()
             if outcome.is_certain:
                 break
-        update.remember_search(self._state, outcome, gate.sensor)
+        update.remember_search(self._state, outcome)
         return used, outcome
 
     def _starts_in_motion(self, outcome: Outcome, gate: Gate) -> bool:

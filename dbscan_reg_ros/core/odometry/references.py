@@ -83,8 +83,6 @@ class Outcome(NamedTuple):
         The match that is used; None if every match was rejected.
     registration : Registration
         Registration of the match; without a match, the registration to the local map.
-    unconfirmed : SE2 or None
-        Pose of the first rejected match that the next scan may confirm.
     search_near : bool
         Whether a search near the prior suffices for the next scan, as in `Tracking`.
     rejoined : Match or None
@@ -97,7 +95,6 @@ class Outcome(NamedTuple):
 
     match: Match | None
     registration: Registration
-    unconfirmed: SE2 | None = None
     search_near: bool = True
     rejoined: Match | None = None
     guess: SE2 | None = None
@@ -130,12 +127,11 @@ class Outcome(NamedTuple):
         return self._without(match)
 
     def _without(self, match: Match) -> 'Outcome':
-        """Store from a rejected `match` a better guess, the first pose to confirm, and the first reason."""
+        """Store from a rejected `match` a better guess and the first reason."""
         verdict = match.verdict
         if verdict.reason is Reason.GUESS:
             return self if self.guess else self._replace(guess=match.pose)
-        outcome = self if self.rejection else self._replace(rejection=verdict.reason)
-        return outcome._replace(unconfirmed=match.pose) if verdict.outlier and self.unconfirmed is None else outcome
+        return self if self.rejection else self._replace(rejection=verdict.reason)
 
 
 def fallback_references(state: TrackState, predicted: SE2, first: Registration,

@@ -82,9 +82,6 @@ class Tracking(NamedTuple):
     mode : Mode
     lost_time : float [s]
         Time since the last scan that was registered successfully; 0 while tracking.
-    unconfirmed : SE2 or None
-        Pose of the first sensor at the last scan, if it was rejected as outside every gate; the next scan may confirm
-        it. None otherwise.
     search_near : bool
         Whether the score of the last registration was high enough that a search near the prior suffices.
     observability : float
@@ -104,7 +101,6 @@ class Tracking(NamedTuple):
 
     mode: Mode = Mode.STARTING
     lost_time: float = 0.0
-    unconfirmed: SE2 | None = None
     search_near: bool = True
     observability: float = 0.0
     score: float = 0.0

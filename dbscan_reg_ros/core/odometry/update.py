@@ -100,10 +100,9 @@ def reset_velocity(state: TrackState) -> None:
     state.covariance.reset_twist()
 
 
-def remember_search(state: TrackState, outcome: Outcome, sensor: Sensor) -> None:
-    """Store those results of an `outcome` that the next search needs."""
-    unconfirmed = outcome.unconfirmed and sensor.first_at(outcome.unconfirmed)
-    state.tracking = state.tracking._replace(unconfirmed=unconfirmed, search_near=outcome.search_near)
+def remember_search(state: TrackState, outcome: Outcome) -> None:
+    """Store what the next search needs of an `outcome`."""
+    state.tracking = state.tracking._replace(search_near=outcome.search_near)
 
 
 def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p: Parameters) -> OdometryUpdate:

@@ -26,12 +26,11 @@ class Reason(Enum):
     INCONCLUSIVE = 'within the gate, but a direction is degenerate or another result is tentative'
     UNRELIABLE = 'outside the gate, and not reliable enough to override the prediction'
     UNKNOWN_MOTION = 'outside the gate, but within the gate for an unknown motion'
-    CONFIRMED = 'outside every gate, but the previous scan was found at the same place'
     GUESS = 'the result is not reliable, but more likely than a weak prediction'
     SCAN_BEFORE = 'registered to the previous scan, without a prediction'
     AFTER_GAP = 'the pose is unknown since a gap of the scans; expected a place in the map before it, or set_pose'
     REJOINED = 'found again in the map before the loss, which corrects the pose'
-    UNCONFIRMED = 'outside every gate; the next scan may confirm it'
+    OUTSIDE = 'outside every gate'
 
 
 LIMITS = Reason.TOO_FAST, Reason.TURNS_TOO_FAST
@@ -43,8 +42,3 @@ class Verdict(NamedTuple):
 
     decision: Decision
     reason: Reason
-
-    @property
-    def outlier(self) -> bool:
-        """Whether a reliable result lies outside the gates of the predictions: if accepted, the pose jumps."""
-        return self.reason in (Reason.UNKNOWN_MOTION, Reason.CONFIRMED, Reason.UNCONFIRMED)

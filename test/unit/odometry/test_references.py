@@ -103,11 +103,9 @@ def test_results_are_joined_by_their_verdicts(frames):
     first = Outcome(None, registered())
     tentative, second = (match(frames[0], Decision.TENTATIVE, Reason.INCONCLUSIVE) for _ in range(2))
     accepted = match(frames[0], Decision.ACCEPT, Reason.WITHIN_GATE)
-    unconfirmed, later = (match(frames[0], Decision.REJECT, Reason.UNCONFIRMED, x) for x in (3.0, 4.0))
     rejected = match(frames[0], Decision.REJECT, Reason.UNRELIABLE)
     assert first.joined(rejected) == first._replace(rejection=Reason.UNRELIABLE)
     assert first.joined(tentative).match is tentative
     assert first.joined(tentative).joined(second).match is tentative
     assert first.joined(tentative).joined(accepted).match is accepted
-    assert first.joined(unconfirmed).joined(later).unconfirmed == SE2(3.0)
-    assert first.joined(unconfirmed).match is None
+    assert first.joined(rejected).joined(match(frames[0], Decision.REJECT, Reason.OUTSIDE)) == first.joined(rejected)
