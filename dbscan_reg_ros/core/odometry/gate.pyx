@@ -57,19 +57,16 @@ cdef class Gate:
     cdef readonly bint weak_prior
     cdef object _given, _tracking, _parameters, _found
     cdef double _time_since_found
-    cdef bint _wheels_slip
 
     def __init__(self, predictions, tracking, parameters, sensor=FIRST):
         self._given, predictions = predictions, predictions.of(sensor)
         self.predictions, self._tracking, self._parameters, self.sensor = predictions, tracking, parameters, sensor
         self._found = tracking.found and sensor.pose_at(tracking.found)
-        best, motion, p = predictions.best, predictions.motion, parameters
+        best, p = predictions.best, parameters
         self.weak_prior = (best.prior.translation_sigma > WEAK_PRIOR_SIGMA
                             or p.prior.gate * best.prior.rotation_sigma > RIGHT_ANGLE)
         interval = predictions.interval
         self._time_since_found = tracking.lost_time + max(interval.length, interval.elapsed)
-        self._wheels_slip = (predictions.external is not None
-                             and not self._within(best.pose, motion.pose, motion.prior.covariance))
 
     def without_wheels(self):
         """Return the gate by the motion model alone if `prior.acceleration` does not explain the wheels; else None."""
@@ -188,12 +185,11 @@ cdef class Gate:
 
     def asks_for_search_within(self, pose, registration):
         """Whether to search again inside the gate, as the result is not ``OK`` and outside it (symmetric corridors)."""
-        best, motion = self.predictions.best, self.predictions.motion
+        best = self.predictions.best
         return (registration.status not in (Status.OK, Status.FAILED)
                 and best.prior.translation_sigma < self._parameters.odometry.dynamic_margin
                 and not self._tracking.lost_time
-                and not self._within(pose, best.pose, best.gate_covariance)
-                and not self._within(pose, motion.pose, motion.gate_covariance))
+                and not self._within(pose, best.pose, best.gate_covariance))
 
     def used_prior(self, pose, wheels):
         """Return the best prior, with the covariance reduced by the wheel calibration if a match at `pose` fits it."""
@@ -262,19 +258,13 @@ cdef class Gate:
         return dataclasses.replace(registration, status=Status.AMBIGUOUS, reason=reason.value)
 
     cdef bint _near_prediction(self, pose, registration):
-        """Whether `pose` is within the gate around the best prediction or around that of the motion model.
+        """Whether `pose` is within the gate around the best prediction.
 
         Corridors are symmetric: after a weak prior, a result that is not ``OK`` has to lie within 0.7 of the gate.
-        A result that few points constrain does not override the wheels, unless the wheels seem to slip.
         """
-        best, motion = self.predictions.best, self.predictions.motion
+        best = self.predictions.best
         ratio = WEAK_PRIOR_RATIO if self.weak_prior and registration.status is not Status.OK else 1.0
-        if self._within(pose, best.pose, best.gate_covariance, ratio):
-            return True
-        reliable = self._is_reliable(registration)
-        if not (reliable or self._wheels_slip):
-            return False
-        return self._within(pose, motion.pose, motion.gate_covariance if reliable else motion.prior.covariance, ratio)
+        return self._within(pose, best.pose, best.gate_covariance, ratio)
 
     cdef bint _is_reliable(self, registration):
         """Whether a result may override the prediction.
