@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import rclpy  # noqa: F401 - needs ROS
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from ros_helpers import TIMEOUT, Loudspeaker, Parameters, distances, mounted, played, pose_of
+from ros_helpers import TIMEOUT, Loudspeaker, Parameters, diagnosis, distances, mounted, played, pose_of
 from std_srvs.srv import SetBool, Trigger
 
 from dbscan_reg_ros import SE2, register
@@ -40,9 +41,11 @@ def test_after_a_reset_the_next_scan_is_the_origin(node, player, peer, scans, tr
     assert covariance[0, 0] < 1e-5
 
 
-def test_a_paused_node_ignores_scans_and_keeps_the_pose(node, player, peer, scans, truth):
+def test_a_paused_node_ignores_scans_says_so_and_keeps_the_pose(node, player, peer, scans, truth):
     assert played(player, scans[:10]).lost == 0
-    assert pause(peer, True).message == 'paused: scans are ignored'
+    received = peer.listen(DiagnosticArray, '/diagnostics')
+    assert pause(peer, True).success
+    assert diagnosis(peer, received, lambda status: status.message == 'paused').level == DiagnosticStatus.OK
     assert player.play(scans[10:13], patience=0.3).lost == 3
     assert pause(peer, False).success
     answers = player.play(scans[13:20])

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import rclpy.serialization
-from geometry_msgs.msg import Transform, TransformStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, Transform, TransformStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
@@ -14,7 +14,7 @@ from dbscan_reg_ros import SE2, OdometryUpdate, Scan, ScanError, ScanGeometry, S
 from dbscan_reg_ros.core.geometry.mounting import Mounting, MountingError
 from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.frames import transform_sender
-from dbscan_reg_ros.node.interfaces.messages import PreparedMessage, filled, scan_to_message
+from dbscan_reg_ros.node.interfaces.messages import PreparedMessage, filled, initial_pose, scan_to_message
 from dbscan_reg_ros.node.interfaces.outputs import ODOM_NUMBERS
 from dbscan_reg_ros.recordings.message_fields import (
     odometry_fields,
@@ -137,6 +137,23 @@ def test_covariances_are_those_of_many_poses_moved_one_by_one():
     assert np.cov(moved, rowvar=False) == pytest.approx(result.covariance, abs=6e-7)
     twists = [base_state(update(pose, e), origin, laser).twist for e in errors]
     assert np.cov(twists, rowvar=False) == pytest.approx(result.twist_covariance, abs=6e-7)
+
+
+def given(covariance, frame='odom'):
+    message = PoseWithCovarianceStamped()
+    message.header.frame_id, message.pose.covariance = frame, np.ravel(covariance)
+    return message
+
+
+def test_a_pose_that_is_set_may_be_known_exactly_along_a_direction():
+    """Rounding makes an eigenvalue of zero negative, by the size of the others."""
+    spread = np.array([300.0, 700.0, 0.0, 0.0, 0.0, 1.0])
+    found = initial_pose(given(np.outer(spread, spread) - 1e-9 * np.eye(6)), 'odom')
+    assert found.covariance == pytest.approx(np.outer(spread, spread)[np.ix_([0, 1, 5], [0, 1, 5])], abs=1e-6)
+    for wrong in (given(np.diag([1.0, -1.0, 0.0, 0.0, 0.0, 1.0])), given(np.full((6, 6), math.nan)),
+                  given(np.eye(6), 'map')):
+        with pytest.raises(PoseError):
+            initial_pose(wrong, 'odom')
 
 
 def quaternion(roll=0.0, pitch=0.0, yaw=0.0):

@@ -22,7 +22,7 @@ PREDICTED = Prior(SE2(0.08, 0.0, 0.05), np.diag((0.01, 0.01, 0.02)) ** 2)
 @pytest.fixture
 def source(monkeypatch):
     """``source(wheels, rate)``: the prior of a scan, and what is said; a motion of the wheels, and a rate [rad/s]."""
-    def source(wheels, rate, orientation=None, measured=True):
+    def source(wheels, rate, orientation=None, measured=True, publishers=1):
         told, said = {}, []
 
         def subscription(_node, _kind, topic, callback, _quality):
@@ -30,7 +30,7 @@ def source(monkeypatch):
             return SimpleNamespace(topic_name=f'/{topic}')
 
         monkeypatch.setattr(priors, 'subscription', subscription)
-        node = SimpleNamespace(count_publishers=lambda _: 1)
+        node = SimpleNamespace(count_publishers=lambda _: publishers)
         found = priors.Priors(node, NodeParameters().replace({'prior.source': 'odometry+imu'}), None,
                               SimpleNamespace(warn=said.append), lambda: None)
         for stamp, pose in ((START, SE2(1.0, 2.0, 0.3)), (END, SE2(1.0, 2.0, 0.3) @ (wheels or SE2()))):
@@ -81,3 +81,7 @@ def test_messages_that_cannot_be_are_named_and_not_believed(source):
     assert '/wheel_odom: the quaternion' in said[0] and '/imu: angular_velocity.z is nan' in said[1]
     found, said = source(None, 2.0, measured=False)
     assert found is None and '/imu: angular_velocity_covariance begins with -1' in said[0]
+
+
+def test_a_source_without_a_publisher_is_named(source):
+    assert 'no node publishes on /wheel_odom' in source(None, None, publishers=0)[1][0]
