@@ -40,8 +40,9 @@ def usual(root):
 @pytest.mark.parametrize('variables', [
     *({'NPY_DISABLE_CPU_FEATURES': features} for features in (
         'AVX512F AVX512CD AVX512_SKX', 'AVX512F AVX512CD AVX512_SKX AVX2', 'AVX512F AVX512CD AVX512_SKX AVX2 FMA3')),
-    *({'OPENBLAS_CORETYPE': core} for core in ('Haswell', 'Nehalem'))], ids=lambda variables: ''.join(
-        variables.values()))
+    *({'OPENBLAS_CORETYPE': core} for core in ('Haswell', 'Nehalem')),
+    {'GLIBC_TUNABLES': 'glibc.cpu.hwcaps=-AVX2_Usable,-FMA_Usable,-AVX2,-FMA,-FMA4,-AVX512F'}],
+    ids=lambda variables: ''.join(variables.values()))
 def test_no_decision_depends_on_the_instructions_of_the_processor(root, usual, variables):
     decisions, poses = driven(root, **variables)
     assert decisions == usual[0]

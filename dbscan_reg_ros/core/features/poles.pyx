@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from ..geometry import tolerance
+from ..geometry.se2 import moduli, rotated
 from .small_objects import SmallObjects
 
 from libc.math cimport fabs
@@ -193,8 +194,8 @@ cpdef Features with_poles(Features features, double size, parameters):
 
 _POINTS = 8
 """Number of oriented points around a pole."""
-_AROUND = np.exp(2j * np.pi * np.arange(_POINTS) / _POINTS)
-"""Directions from the centre of a pole to its oriented points, the first one towards the sensor."""
+_AROUND = 2.0 * np.pi * np.arange(_POINTS) / _POINTS
+"""Directions [rad] from the centre of a pole to its oriented points, the first one towards the sensor."""
 _SURFACES = 2.0
 """Weight of a return from a pole relative to a return from a wall: a pole constrains the motion along two axes."""
 
@@ -202,8 +203,8 @@ _SURFACES = 2.0
 def points_around(poles, double size):
     """Return the `OrientedPoints` around `SmallObjects` that are poles, at most as wide as a `size` [m]."""
     half = np.minimum(0.5 * poles.width, 0.5 * size)
-    towards = -poles.front / np.maximum(np.abs(poles.front), TINY)
-    normals = towards[:, None] * _AROUND
+    towards = -poles.front / np.maximum(moduli(poles.front), TINY)
+    normals = rotated(towards[:, None], _AROUND)
     points = (poles.front - half * towards)[:, None] + half[:, None] * normals
     weights = np.minimum(_SURFACES * poles.returns / _POINTS, 1.0)
     return OrientedPoints(points.ravel(), normals.ravel(), poles.beam.repeat(_POINTS), weights.repeat(_POINTS))

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.array_types import BoolArray, ComplexArray, FloatArray, IntArray
+from ..geometry.se2 import moduli
 from ..geometry.tolerance import TINY
 
 
@@ -37,4 +38,4 @@ class SmallObjects(NamedTuple):
     @property
     def middle(self) -> ComplexArray:
         """``(T,)`` complex [m]: centre of each object, under the assumption that it is round."""
-        return self.front * ((self.nearest + 0.5 * self.width) / np.maximum(np.abs(self.front), TINY))
+        return self.front * ((self.nearest + 0.5 * self.width) / np.maximum(moduli(self.front), TINY))

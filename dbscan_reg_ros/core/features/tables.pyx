@@ -38,10 +38,11 @@ def build_likelihood_field(oriented, parameters):
         y_low, y_high = min(y_low, points[k].imag), max(y_high, points[k].imag)
     reach, wide = parameters.max_distance, (x_high - x_low, y_high - y_low)
     cell = max(parameters.cell_size, (max(wide) + 2.0 * reach) / MAX_CELLS)
-    # One cell for rounding, and a border of cells without a point: lookups beyond the grid end there.
-    margin = math.ceil(reach / cell) + 2
-    origin = complex(x_low, y_low) - complex(margin, margin) * cell
-    shape = tuple([int(side / cell) + 2 * margin + 1 for side in wide])
+    # A border of cells without a point: lookups beyond the grid end there. No point on the sides of its cell.
+    margin = math.ceil(reach / cell) + 1
+    border = (margin + _PART) * cell
+    origin = complex(x_low - border, y_low - border)
+    shape = tuple([int(side / cell) + 2 * margin + 2 for side in wide])
     ranks = disc_ranks(reach / cell)
     # A vector has twice as many numbers of 16 bits as of 32.
     if ranks.dtype == np.short and size <= np.iinfo(np.short).max:
@@ -65,6 +66,8 @@ def build_likelihood_field(oriented, parameters):
                            normals=lines, offsets=numbers[0], along=numbers[1], extents=numbers[2])
 
 
+_PART = 0.381966
+"""Distance of the lowest point from the side of its cell, in cells: rounding moves no point into the next one."""
 _QUARTER = 0.25 + 0.26j
 _QUARTERS = np.array((-_QUARTER, -_QUARTER.conjugate(), _QUARTER.conjugate(), _QUARTER))
 """Points near the middles of the quarters of a cell, in cells; off the diagonals, where rows and columns would tie."""

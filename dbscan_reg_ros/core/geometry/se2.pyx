@@ -55,8 +55,22 @@ def turned(const double[:, :] matrix, double theta):
 
 
 def unit_complex(angles):
-    """Return ``exp(1j * angles)``, shaped as the angles [rad]: multiplication by one rotates by its angle."""
+    """Return ``exp(1j * angles)``, shaped as the angles [rad]."""
     return np.exp(1j * angles)
+
+
+def rotated(numbers, angles):
+    """Rotate complex numbers by angles [rad] of a shape that fits theirs.
+
+    numpy rounds products of complex arrays, and their absolute values, by the instructions of the processor: not these.
+    """
+    c, s = np.cos(angles), np.sin(angles)
+    return (c * numbers.real - s * numbers.imag) + 1j * (s * numbers.real + c * numbers.imag)
+
+
+def moduli(numbers):
+    """Return the absolute values of complex numbers, the same on all processors."""
+    return np.sqrt(numbers.real * numbers.real + numbers.imag * numbers.imag)
 
 
 def as_complex(vectors):

@@ -143,7 +143,7 @@ cdef class Gate:
             return not degenerate
         if tentative.status is not Status.DEGENERATE:
             return registration.confidence > tentative.confidence
-        least = INFORMATION_RATIO * (tentative.weakest_information or 0.0)
+        least = INFORMATION_RATIO * (tentative.weakest_information or 0.0) - TINY
         return not degenerate or (registration.weakest_information or 0.0) >= least
 
     def check_lost_map(self, expected, covariance, pose, registration):

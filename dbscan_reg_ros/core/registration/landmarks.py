@@ -10,7 +10,7 @@ from ..features.poles import find_small_objects
 from ..features.records import Features
 from ..geometry.array_types import ComplexArray, FloatArray
 from ..geometry.robust_kernel import kernel
-from ..geometry.se2 import as_complex, as_vectors, unit_complex
+from ..geometry.se2 import as_complex, as_vectors, moduli, rotated, wrap
 from ..geometry.ties import order_up_to_rounding
 from ..geometry.tolerance import SAME
 from ..parameters.tree import Parameters
@@ -42,8 +42,8 @@ def landmark_motions(reference: Features, current: Features, parameters: Paramet
     if prior is not None:
         motions = motions[within_gate(motions, prior, parameters.prior)]
     # Eq. 8
-    moved = unit_complex(motions[:, 2:]) * theirs + as_complex(motions[:, :2])[:, None]
-    distance = np.abs(moved[:, :, None] - ours).min(axis=2, initial=np.inf)
+    moved = rotated(theirs, motions[:, 2:]) + as_complex(motions[:, :2])[:, None]
+    distance = moduli(moved[:, :, None] - ours).min(axis=2, initial=np.inf)
     support = kernel(distance, SAME).sum(axis=1)
     motions = motions[order_up_to_rounding(-support)[:np.count_nonzero(support >= _MIN_SUPPORT)]]
     chosen: FloatArray = motions[distinct(motions, _MAX_MOTIONS, 2.0 * SAME, SAME)]
@@ -63,14 +63,14 @@ def pair_motions(reference: ComplexArray, current: ComplexArray) -> FloatArray:
     first, second = baselines_r.nonzero()
     start, end = np.triu(baselines_o).nonzero()
     baselines_r, baselines_o = baselines_r[first, second], baselines_o[start, end]
-    off = np.abs(np.abs(baselines_r)[:, None] - np.abs(baselines_o))
+    off = np.abs(moduli(baselines_r)[:, None] - moduli(baselines_o))
     r, o = (off < SAME).nonzero()
     closest = order_up_to_rounding(off[r, o])[:_MAX_SAMPLES]
     r, o = r[closest], o[closest]
-    rotation = baselines_r[r] / baselines_o[o]
-    rotation /= np.abs(rotation)
-    translation = 0.5 * (reference[first[r]] + reference[second[r]] - rotation * (current[start[o]] + current[end[o]]))
-    return np.column_stack((as_vectors(translation), np.angle(rotation)))
+    rotation = wrap(np.angle(baselines_r[r]) - np.angle(baselines_o[o]))
+    translation = 0.5 * (reference[first[r]] + reference[second[r]]
+                         - rotated(current[start[o]] + current[end[o]], rotation))
+    return np.column_stack((as_vectors(translation), rotation))
 
 
 _MIN_SUPPORT = 2.5

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Status of a registration, its rivals, and the segments that match."""
-import cmath
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -10,7 +9,7 @@ import numpy as np
 
 from ..features.records import Segments
 from ..geometry.array_types import FloatArray, IntArray
-from ..geometry.se2 import SE2, as_complex, unit_complex, wrap_period
+from ..geometry.se2 import SE2, as_complex, rotated, wrap_period
 from ..geometry.tolerance import SAME
 from ..parameters.registration import DecisionParameters
 from .confidence.evidence import log_odds
@@ -138,8 +137,8 @@ def match_segments(reference: Segments, current: Segments, transform: SE2) -> In
     if not (len(reference) and len(current)):
         return np.empty((0, 2), dtype=int)
     rotation = np.abs(wrap_period(reference.direction[:, None] - current.direction - transform.theta, 2.0 * np.pi))
-    moved = cmath.rect(1.0, transform.theta) * as_complex(current.midpoint) + complex(transform.x, transform.y)
-    step = (moved - as_complex(reference.midpoint)[:, None]) * unit_complex(-reference.direction)[:, None]
+    moved = rotated(as_complex(current.midpoint), transform.theta) + complex(transform.x, transform.y)
+    step = rotated(moved - as_complex(reference.midpoint)[:, None], -reference.direction[:, None])
     apart = np.abs(step.real) - 0.5 * (reference.length[:, None] + current.length)
     alike = (rotation < SAME) & (np.abs(step.imag) < SAME) & (apart < 0.0)
     pairs: IntArray = np.array(alike.nonzero()).T

@@ -53,10 +53,10 @@ def test_far_reaching_points_take_little_memory(monkeypatch):
 
 
 def test_of_two_points_in_a_cell_the_one_nearer_to_its_centre_counts():
-    """The grid is laid out from the point at 0: cells end at multiples of 0.04 m, one has its centre at 0.42 m."""
+    """The grid is laid out from the lowest point: cells end at multiples of 0.04 m, one has its centre at 0.42 m."""
     for other, nearer in ((0.425 + 0.42j, False), (0.4395 + 0.4395j, True)):
         for pair in ([0.405 + 0.405j, other], [other, 0.405 + 0.405j]):
-            points = np.array([0.0j, *pair])
+            points = np.array([0.381966 * 0.04 * (1.0 + 1.0j), *pair])
             surface = build_likelihood_field(OrientedPoints(points, np.ones(3, dtype=complex), np.arange(3)),
                                              PARAMETERS)
             found = points[surface.nearest(np.array([0.42 + 0.42j]))[0]]

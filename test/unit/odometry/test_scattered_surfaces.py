@@ -21,7 +21,7 @@ from dbscan_reg_ros.core.registration.records import Prior, Status
 P = Parameters()
 SLANT = 0.4
 """Angle of the hedge [rad]."""
-ALONG, ACROSS = (np.array((math.cos(SLANT + turn), math.sin(SLANT + turn))) for turn in (0.0, 0.5 * math.pi))
+ALONG = np.array((math.cos(SLANT), math.sin(SLANT)))
 HERE = Prior(SE2(), np.diag((0.02, 0.02, 0.01)) ** 2)
 
 
@@ -42,9 +42,8 @@ def agreement(pairs):
 
 
 def test_normals_that_are_others_in_each_scan_agree_by_chance():
-    reference = hedge(0)
-    found = agreement([(reference, hedge(k, k)) for k in range(1, 16)])
-    assert found.is_chance and found.shared < 0.2 * found.seen
+    found = agreement([(hedge(100 + k), hedge(k, k)) for k in range(15)])
+    assert found.is_chance and found.shared < 0.25 * found.seen
 
 
 def test_normals_of_a_rough_surface_that_stays_agree():
@@ -64,7 +63,7 @@ def test_scattered_surfaces_constrain_no_motion_along_them():
     assert found.status is Status.DEGENERATE and found.weakest_information == pytest.approx(0.0, abs=1e-9)
     assert found.degenerate_direction == pytest.approx(SLANT, abs=0.05)
     assert ALONG @ found.covariance[:2, :2] @ ALONG > 90.0
-    assert ACROSS @ found.covariance[:2, :2] @ ACROSS < 0.05 ** 2 * 100.0
+    assert np.linalg.eigvalsh(found.covariance[:2, :2])[0] < 0.05 ** 2
 
 
 def test_the_map_constrains_no_motion_along_scattered_surfaces():
