@@ -63,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                         'which a robot can be localised, to FILE (.npz)')
     parser.add_argument('--map', metavar='FILE', type=Path, help='localise the drive, wherever it starts, in this map: '
                         'a file of --map-out, or the map.yaml of an occupancy grid; write in_map.tum, the poses of the '
-                        'lidar in the map, with the axes of the robot')
+                        'lidar in the map, with the axes of the robot; the page shows where it may be at each scan')
     parser.add_argument('--g2o', action='store_true', help='close loops, and write the pose graph of the key frames as '
                         'graph.g2o, with VERTEX_SE2 and EDGE_SE2')
     parser.add_argument('--animation', action='store_true', help='also write a moving picture of 12 s: each scan on '

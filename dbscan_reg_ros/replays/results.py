@@ -1,18 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write the result files of a replay; if one of them cannot be written, all others are written nevertheless."""
-import math
-
 import numpy as np
 
 from ..evaluation.known_motion import NOTHING_KNOWN, KnownMotion
 from ..evaluation.metrics import align
 from ..figures.plots import MapPoints, draw_map
-from ..places.localizer import Localizer, State
-from ..places.map_files import load_grid
 from ..places.pose_graph import write_g2o
 from ..recordings import write_tum
 from ..recordings.poses import compose
 from .animation import Track, write_animation
+from .in_map import InMap
 from .lidars import received
 from .loops import Loops
 from .occupancy_map import write_occupancy_map
@@ -24,46 +21,6 @@ from .pairs_to_review import PairsToReview
 from .result_folder import new_folder
 from .summary import describe_contradictions, describe_recordings, summarise, write_metrics
 from .trajectory import Trajectory
-
-
-class InMap:
-    """Localises the scans of a replay in the map of a file, and counts what is said.
-
-    Attributes
-    ----------
-    stamps : list of int [ns]
-        Of the scans at which the sensor is localised.
-    poses : list of (x, y, theta) [m, m, rad]
-        Of the sensor at these scans in the map, turned so that its axes are those of the robot.
-    """
-
-    def __init__(self, file, parameters):
-        self._localizer = Localizer(load_grid(file, parameters), parameters)
-        self.stamps, self.poses = [], []
-        self._way, self._last, self._first, self._since, self._state = 0.0, None, math.inf, 0, State.SEARCHING
-
-    def add(self, update):
-        """Localise the scan of an `OdometryUpdate`."""
-        found, pose = self._localizer.process(update), update.pose
-        self._way += math.hypot(pose.x - self._last.x, pose.y - self._last.y) if self._last else 0.0
-        self._last, self._state = pose, found.state
-        if found.state is State.LOCALISED:
-            self._first = min(self._first, self._way)
-            self.stamps.append(update.stamp)
-            self.poses.append(found.pose.as_tuple())
-        self._since += bool(self.stamps)
-
-    def pose_array(self):
-        """Poses ``(N, 3)`` of the sensor in the map."""
-        return np.array(self.poses, dtype=float).reshape(-1, 3)
-
-    def line(self) -> str:
-        """Return the summary in one line."""
-        if not self.stamps:
-            return f'never localised; at the end {self._state.value}'
-        share = 100.0 * len(self.stamps) / self._since
-        return (f'localised after {self._first:.2f} m, and at {share:.1f} % of the scans from then on; at the end '
-                f'{self._state.value}')
 
 
 class Results:
@@ -97,7 +54,7 @@ class Results:
         self.map_points = MapPoints(recording.count, yaw)
         closes = options.close_loops or options.g2o or options.map_out
         self.loops = Loops(self.parameters.for_odometry()) if closes else None
-        self.in_map = InMap(options.map, self.parameters.for_odometry()) if options.map else None
+        self.in_map = InMap(options.map, self.parameters.for_odometry(), yaw) if options.map else None
         self._on_base = mounting.pose if options.frame == 'base' else None
         self.entry: DriveEntry | None = None
         self.folder = new_folder(options.out / recording.name)
@@ -113,6 +70,10 @@ class Results:
         known, measures = self._known(), self.trajectory.measures(self.parameters.time.max_jump)
         measures |= self.faults.attempt('errors against the truth', known.measures, stamps, poses) or {}
         closed = self.faults.attempt('closed.tum', self._close, known, measures) if self.loops else None
+        # Not all scans are in it if one could not be added.
+        in_map = self.in_map if self.in_map and len(self.in_map.moments) == len(poses) else None
+        if in_map:
+            measures |= self.faults.attempt('errors in the map', in_map.measures, known) or {}
         bodies = self.odometry.bodies.found(self.parameters)
         write_metrics(self.folder / 'metrics.json', recordings, measures, counts, bodies)
         truth = self.faults.attempt('truth.tum', self._truth, known)
@@ -122,10 +83,9 @@ class Results:
         summary = [*describe_recordings(recordings, counts, bodies, self._on_base is not None),
                    *describe_contradictions(self.trajectory), *summarise(measures),
                    *_without_truth(known, stamps)]
-        if self.in_map:
-            self.faults.attempt('in_map.tum', write_tum, self.folder / 'in_map.tum', self.in_map.stamps,
-                                self.in_map.pose_array())
-            summary.append(('in the map', self.in_map.line()))
+        if in_map:
+            self.faults.attempt('in_map.tum', write_tum, self.folder / 'in_map.tum', *in_map.trajectory())
+            summary.append(('in the map', in_map.line(measures)))
         if self._options.grid:
             placed = self.map_points.placed(closed[0] if closed else poses, self.trajectory.registered)
             self.faults.attempt('map.pgm', write_occupancy_map, self.folder, placed, self._options.grid)
@@ -135,7 +95,7 @@ class Results:
             with self.faults.noted('report.html'):
                 lines = [('recording', str(self.recording.path)), *summary]
                 report = Report(title, lines, known, self.trajectory, density, self._pairs(), self.parameters, register,
-                                self.history, closed_map,
+                                self.history, closed_map, in_map=in_map,
                                 index='../../index.html' if len(self._options.files) > 1 else '')
                 write_report(self.folder / 'report.html', report)
                 self.entry = replay_entry(name, self.folder, measures, density, _lines(poses, _aligned(truth, poses)))

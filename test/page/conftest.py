@@ -10,6 +10,9 @@ from dbscan_reg_ros import Odometry, Parameters
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.evaluation.known_motion import KnownMotion
 from dbscan_reg_ros.figures.plots import density_map
+from dbscan_reg_ros.places.localizer import State
+from dbscan_reg_ros.places.mapper import Mapper
+from dbscan_reg_ros.replays.in_map import InMap, Moment
 from dbscan_reg_ros.replays.page.report import ClosedMap, Report, write_report
 from dbscan_reg_ros.replays.page.scan_history import ScanHistory
 from dbscan_reg_ros.replays.pairs_to_review import PairsToReview
@@ -52,17 +55,33 @@ def replayed(simulation):
     return Replayed(trajectory, pairs.found(), history, updates)
 
 
+@pytest.fixture(scope='session')
+def in_map(replayed, tmp_path_factory):
+    """The drive in its own map; at scan 50 it may be at one of two places, at scan 51 at none."""
+    mapper, path = Mapper(), tmp_path_factory.mktemp('map') / 'map.npz'
+    for update in replayed.updates:
+        mapper.process(update)
+    mapper.map().save(path)
+    found, nowhere = InMap(path, Parameters()), np.zeros((3, 3))
+    for update in replayed.updates:
+        found.add(update)
+    found.moments[50] = Moment(State.AMBIGUOUS, nowhere, np.array([(1.0, 0.5, 0.2, 0.48), (3.0, -0.5, -2.0, 0.41)]))
+    found.moments[51] = Moment(State.NOT_IN_MAP, nowhere, np.empty((0, 4)))
+    return found
+
+
 @pytest.fixture
 def page(replayed, simulation, tmp_path):
-    """``page(known, parameters, closed) -> path`` of a report."""
-    def page(known=UNKNOWN, parameters=Parameters(), closed=False):
+    """``page(known, parameters, closed, in_map) -> path`` of a report."""
+    def page(known=UNKNOWN, parameters=Parameters(), closed=False, in_map=None):
         trajectory, pairs, history, _ = replayed
         path = tmp_path / 'report.html'
         density = density_map(simulation.scans[20:120], trajectory.poses)
         moved = trajectory.pose_array() + np.array((0.0, 1.0, 0.0))
         map_closed = ClosedMap(moved, np.array([[3, 80], [5, 90]]), density_map(simulation.scans[20:120], moved))
         write_report(path, Report('a </script> <b>name</b>', [('scans', '100')], known, trajectory, density, pairs,
-                                  parameters, 'show a.log', history, map_closed if closed else None))
+                                  parameters, 'show a.log', history, map_closed if closed else None,
+                                  in_map=in_map))
         return path
     return page
 

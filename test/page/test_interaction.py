@@ -249,3 +249,31 @@ def test_the_closed_map_is_a_switch(show, page):
     browser.press(' ')
     browser.frame()
     assert browser.value('document.getElementById("base").toDataURL()') == opened
+
+
+def test_the_given_map_shows_the_places_in_question_at_the_moment(show, page, in_map):
+    browser = show(page(closed=True, in_map=in_map), *WIDE)
+    now = 'document.getElementById("now").textContent.replaceAll("\\u00a0", " ")'
+    browser.value('page.go(50)')
+    browser.frame()
+    assert browser.value(now).endswith('In the map: ambiguous; 48 %, 41 %, elsewhere 11 %.')
+    shown = colours(browser, 'overlay', 'candidates')
+    assert shown > 100
+    browser.click('#layer-candidates')
+    browser.frame()
+    assert colours(browser, 'overlay', 'candidates') == 0
+    browser.click('#layer-candidates')
+    browser.value('page.go(51)')
+    browser.frame()
+    assert browser.value(now).endswith('In the map: not in this map; elsewhere 100 %.')
+    assert colours(browser, 'overlay', 'candidates') == colours(browser, 'overlay', 'scan') == 0
+    browser.value('page.go(90)')
+    browser.frame()
+    assert browser.value(now).endswith('In the map: localised.')
+    assert colours(browser, 'overlay', 'candidates') == 0 and colours(browser, 'overlay', 'scan') > 100
+    switches = '["known", "closed"].map(name => document.getElementById("layer-" + name).checked)'
+    for name, states in (('closed', [False, True]), ('known', [True, False]), ('known', [False, False])):
+        browser.click(f'#layer-{name}')
+        assert browser.value(switches) == states
+        assert browser.value('page.view.which') == [1, 2, 0][[states[1], states[0], True].index(True)]
+    assert browser.complaints == []

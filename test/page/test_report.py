@@ -123,3 +123,23 @@ def test_the_page_holds_what_the_odometry_found(show, page, known, replayed):
     assert browser.value('drive.reference[42]') == update.reference_number
     errors = browser.value('[...drive.plots[0].values].map(value => isNaN(value) ? -1 : value)')
     assert 0.0 < np.max(errors) < 0.1
+
+
+def test_the_page_holds_where_the_drive_is_in_a_given_map(show, page, in_map, replayed):
+    browser = show(page(in_map=in_map))
+    names = browser.value('[...drive.inMap.state].map(level => data.drive.inMap.stateNames[level])')
+    assert names == [moment.state.value for moment in in_map.moments] and names[-1] == 'localised'
+    np.testing.assert_allclose(browser.value('[...drive.inMap.pose.subarray(297)]'),
+                               replayed.trajectory.pose_array()[99], atol=0.05)
+    np.testing.assert_allclose(browser.value('[...drive.inMap.places(50)]'),
+                               (1.0, 0.5, 0.2, 0.48, 3.0, -0.5, -2.0, 0.41), rtol=1e-6)
+    long, short, *_ = browser.value('[...drive.inMap.sigma.subarray(396, 400)]')
+    assert long**2 + short**2 == pytest.approx(np.trace(in_map.moments[99].covariance[:2, :2]), rel=1e-5)
+    assert browser.value('[...drive.inMap.pose.subarray(153, 156)].every(Number.isNaN)')
+    left, right, bottom, top = browser.value('data.knownMap.extent')
+    x, y, _ = replayed.trajectory.pose_array().T
+    assert left < x.min() and x.max() < right and bottom < y.min() and y.max() < top
+    counts = ', '.join(f'{names.count(state)} {state.replace("this ", "")}' for state in (
+        'searching', 'localised', 'ambiguous', 'not in this map'))
+    assert browser.value('document.querySelector("#plot-in-map svg").getAttribute("aria-label")') == (
+        f'State in the given map over distance driven [m]: {counts}')

@@ -27,6 +27,14 @@ function starts(counts) {
   return result;
 }
 
+// Where the sensor may be in the map of a file: poses and probabilities; the pose is the most probable, else NaN.
+function inMap({state, sigma, counts, places}) {
+  const first = starts(shorts(counts)), rows = floats(places), pose = new Float32Array(3 * (first.length - 1)).fill(NaN);
+  for (let k = 0; k < first.length - 1; k++)
+    if (first[k] < first[k + 1]) pose.set(rows.subarray(4 * first[k], 4 * first[k] + 3), 3 * k);
+  return {state: bytes(state), sigma: floats(sigma), pose, places: k => rows.subarray(4 * first[k], 4 * first[k + 1])};
+}
+
 const drive = (() => {
   const d = data.drive;
   return {
@@ -36,7 +44,7 @@ const drive = (() => {
     others: d.others.map(other => ({...other, at: floats(other.at)})), firstPoint: starts(shorts(d.points)),
     firstSegment: starts(shorts(d.segments)), keyFrames: {open: floats(d.keyFrames.open), closed: floats(d.keyFrames.closed)},
     closed: d.closed && {pose: floats(d.closed.pose), count: d.closed.count, open: floats(d.closed.loops.open), shut: floats(d.closed.loops.closed)},
-    points: null, segments: null,
+    inMap: d.inMap && inMap(d.inMap), points: null, segments: null,
   };
 })();
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...core.registration.records import Status
 from ...evaluation.metrics import align, apart, begun_like, errors, path_lengths, related
+from ...places.localizer import State
 from ...recordings import interpolate
 from ...recordings.poses import relative
 from .encoding import packed, rounded
@@ -22,6 +23,7 @@ MOST_POSES = 20_000
 KINDS = 5
 """Number of different colours for competitors."""
 LEVELS = [status.value for status in Status]
+STATES = list(State)
 
 
 def drive_data(report) -> dict:
@@ -46,7 +48,7 @@ def drive_data(report) -> dict:
                   'end': max(float(along.max(initial=0.0)), 1.0), 'at': packed(along[kept])},
         'scan': packed(scans[kept], '<i4'), 'time': packed(_playing_time(trajectory.stamps)[kept]),
         'pose': packed(poses[kept]), 'distance': packed(distance[kept]),
-        'sigma': packed(_ellipses(records)),
+        'sigma': packed(_ellipses([record.covariance for record in records])),
         'status': packed([LEVELS.index(record.status.value) for record in records], '<u1'),
         'reason': packed([number_of[record.reason] for record in records], '<i4'), 'reasons': reasons,
         'overlap': packed([record.overlap for record in records]),
@@ -56,6 +58,7 @@ def drive_data(report) -> dict:
         'segments': packed([len(record.segments) for record in records], '<u2'),
         'others': [{'kind': kind, 'name': name, 'at': packed(path[kept])} for kind, name, path in others],
         'keyFrames': _key_frames(records, poses, report.closed), 'closed': _closed(report.closed, poses, kept),
+        'inMap': _in_map(report.in_map, kept),
         'plots': [*_error_plots(report.known, trajectory.stamps, poses, kept), *_competitor_plots(report, kept),
                   *_time_plot(trajectory.milliseconds, kept)],
         'scans': packed_scans(records),
@@ -79,11 +82,9 @@ def _playing_time(stamps):
     return np.concatenate(([0.0][:len(stamps)], np.cumsum(np.clip(steps, 0.0, LONGEST_STEP))))
 
 
-def _ellipses(records):
+def _ellipses(covariances):
     """Return ellipses ``(K, 4)``: semi-axes [m], direction of the longer one [rad], deviation of theta [rad]."""
-    if not records:
-        return np.zeros((0, 4))
-    covariances = np.array([record.covariance for record in records])
+    covariances = np.array(covariances).reshape(-1, 3, 3)
     values, vectors = np.linalg.eigh(covariances[:, :2, :2])
     axes = np.sqrt(np.maximum(values, 0.0))
     return np.column_stack((axes[:, 1], axes[:, 0], np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1]),
@@ -162,6 +163,18 @@ def _closed(closed, poses, kept):
     pairs = _thinned(np.asarray(closed.pairs, dtype=int).reshape(-1, 2))
     return {'pose': packed(closed.poses[kept]), 'count': len(closed.pairs),
             'loops': {'open': packed(poses[pairs, :2]), 'closed': packed(closed.poses[pairs, :2])}}
+
+
+def _in_map(in_map, kept):
+    """Return state, covariance and places of each stored scan in the map of a file."""
+    if not in_map:
+        return None
+    moments, places = [in_map.moments[number] for number in kept], [in_map.places(number) for number in kept]
+    return {'stateNames': [state.value for state in STATES],
+            'state': packed([STATES.index(moment.state) for moment in moments], '<u1'),
+            'sigma': packed(_ellipses([moment.covariance for moment in moments])),
+            'counts': packed([len(rows) for rows in places], '<u2'),
+            'places': packed(np.concatenate([np.empty((0, 4)), *places]))}
 
 
 def _error_plots(known, stamps, poses, kept):

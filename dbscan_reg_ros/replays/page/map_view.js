@@ -2,10 +2,12 @@
 // The map: what lies still on one canvas, the scan of the moment on another, so that a step draws one scan only.
 
 // A line is interrupted where so many successive scans have no position: HOLE, LONGEST_GAP of metrics.py.
+const OWN = 0, CLOSED = 1, KNOWN = 2, MAPS = ['map', 'closedMap', 'knownMap'];
 const REACH = 24, CLICK = 6, ELLIPSE = 2.4477, HOLE = 3;
 const LAYERS = [
   ['scan', 'scan', 'M6 7h0M15 7h0M24 7h0', true], ['segments', 'segments', 'M0 7H30', false], ['covariance', 'covariance', 'M4 7a11 5 0 1 0 22 0a11 5 0 1 0 -22 0', true],
   ['trajectory', 'trajectory, thick where not OK', 'M0 7H30', true], ['truth', 'truth', 'M0 7H30', true], ['wheels', 'wheel odometry', 'M0 7H30', false],
+  ['candidates', 'possible places', 'M5 2L25 7L5 12L9 7z', true],
   ['keyframes', 'key frames', 'M12 4h6v6h-6z', false], ['loops', 'places seen again', 'M0 12L30 2', false], ['marks', 'scans to review', 'M9 7a6 6 0 1 0 12 0a6 6 0 1 0 -12 0', true],
 ];
 const DASHES = {truth: [7, 4], wheels: [2, 4], segments: [9, 3, 2, 3], trajectory: [], loops: []};
@@ -16,6 +18,10 @@ for (const other of drive.others) if (other.kind.startsWith('other')) {
   DASHES[other.kind] = [[12, 4], [3, 3], [12, 3, 3, 3], [5, 2], [1, 5]][place];
 }
 
+const percent = odds => `${Math.round(100 * odds)}\u00a0%`;
+
+const isLocalised = k => data.drive.inMap.stateNames[drive.inMap.state[k]] === 'localised';
+
 class MapView {
   constructor(page) {
     this.page = page;
@@ -23,8 +29,9 @@ class MapView {
     [this.base, this.overlay] = ['base', 'overlay'].map(id => at(id).getContext('2d'));
     this.shown = {};
     this.pointers = new Map();
-    this.closed = false;
-    this.maps = [this.load(data.map), null];
+    // OWN: the map of the odometry, CLOSED: after loop closing, KNOWN: the map of a file.
+    this.which = OWN;
+    this.maps = [this.load(data.map), null, null];
     this.paths();
     this.resize();
     this.showAll();
@@ -85,10 +92,11 @@ class MapView {
       return path;
     };
     const all = poses => ({trajectory: line(poses, 3), bad: bad(poses)});
-    this.lines = [all(drive.pose), drive.closed && all(drive.closed.pose)];
+    const known = drive.inMap && drive.inMap.pose.map((value, i) => isLocalised((i - i % 3) / 3) ? value : NaN);
+    this.lines = [all(drive.pose), drive.closed && all(drive.closed.pose), known && all(known)];
     this.lines[0].loops = drive.closed && pairs(drive.closed.open);
     if (drive.closed) this.lines[1].loops = pairs(drive.closed.shut);
-    for (const other of drive.others) for (const lines of this.lines) if (lines) lines[other.kind] = line(other.at, 2);
+    for (const other of drive.others) for (const lines of this.lines.slice(0, KNOWN)) if (lines) lines[other.kind] = line(other.at, 2);
   }
 
   resize() {
@@ -101,16 +109,20 @@ class MapView {
     this.ratio = ratio;
   }
 
-  // The closed map is decoded when it is shown for the first time.
-  showClosed(on) {
-    if (on && !this.maps[1]) this.maps[1] = this.load(data.closedMap);
-    this.closed = on;
+  // Show one of MAPS, which is decoded when it is shown for the first time.
+  show(which) {
+    const moved = (which === KNOWN) !== (this.which === KNOWN);
+    if (!this.maps[which]) this.maps[which] = this.load(data[MAPS[which]]);
+    this.which = which;
+    if (moved) this.showAll();
   }
 
-  get poses() { return this.closed ? drive.closed.pose : drive.pose; }
+  get poses() { return [drive.pose, drive.closed, drive.inMap].map((each, which) => which ? each && each.pose : each)[this.which]; }
+
+  get sigma() { return this.which === KNOWN ? drive.inMap.sigma : drive.sigma; }
 
   showAll() {
-    const [left, right, bottom, top] = this.maps[this.closed ? 1 : 0].extent;
+    const [left, right, bottom, top] = this.maps[this.which].extent;
     this.scale = this.least = 0.98 * Math.min(this.width / (right - left), this.height / (top - bottom));
     this.centre = [(left + right) / 2, (bottom + top) / 2];
     this.fitted = true;
@@ -152,7 +164,7 @@ class MapView {
   draw() {
     if (this.shown.follow && drive.count) {
       const k = this.page.current, centre = [this.poses[3 * k], this.poses[3 * k + 1]];
-      if (centre[0] !== this.centre[0] || centre[1] !== this.centre[1]) { this.centre = centre; this.stale = true; }
+      if (centre[0] === centre[0] && (centre[0] !== this.centre[0] || centre[1] !== this.centre[1])) { this.centre = centre; this.stale = true; }
     }
     if (this.stale) this.drawBase();
     this.stale = false;
@@ -160,7 +172,7 @@ class MapView {
   }
 
   drawBase() {
-    const context = this.base, map = this.maps[this.closed ? 1 : 0], lines = this.lines[this.closed ? 1 : 0];
+    const context = this.base, map = this.maps[this.which], lines = this.lines[this.which];
     this.clear(context);
     this.inPixels(context);
     const [left, right, bottom, top] = map.extent, [x, y] = this.toPixels(left, top);
@@ -171,7 +183,7 @@ class MapView {
       if (this.shown[name] && lines[name]) this.stroke(context, lines[name], name, width);
     if (this.shown.trajectory) this.stroke(context, lines.bad, 'bad', 4.5);
     this.inPixels(context);
-    if (this.shown.keyframes) this.drawKeyFrames(context);
+    if (this.shown.keyframes && this.which !== KNOWN) this.drawKeyFrames(context);
     if (this.shown.marks) for (const mark of this.page.marks) this.drawMark(context, mark, false);
     this.drawScale();
   }
@@ -186,7 +198,7 @@ class MapView {
   }
 
   drawKeyFrames(context) {
-    const positions = drive.keyFrames[this.closed ? 'closed' : 'open'];
+    const positions = drive.keyFrames[this.which === CLOSED ? 'closed' : 'open'];
     context.strokeStyle = this.colours.keyframes;
     context.lineWidth = 1.4;
     for (let i = 0; i < positions.length; i += 2) {
@@ -224,12 +236,14 @@ class MapView {
     const c = Math.cos(theta) * unit, s = Math.sin(theta) * unit;
     const place = (u, v) => this.toPixels(x + c * u - s * v, y + s * u + c * v);
     this.inPixels(context);
+    if (Number.isNaN(x)) return;
     if (drive.points && this.shown.scan) this.drawReturns(context, k, place);
     if (drive.points && this.shown.segments) this.drawSegments(context, k, place);
     const [px, py] = this.toPixels(x, y);
     if (this.shown.covariance) this.drawEllipse(context, k, px, py);
     if (this.shown.marks && this.page.chosen >= 0) this.drawMark(context, this.page.marks[this.page.chosen], true);
-    this.drawSensor(context, px, py, theta);
+    if (this.which !== KNOWN || isLocalised(k)) this.drawArrow(context, px, py, theta, this.colours.ink);
+    else if (this.shown.candidates) this.drawCandidates(context, k);
   }
 
   drawReturns(context, k, place) {
@@ -253,8 +267,24 @@ class MapView {
     context.setLineDash([]);
   }
 
+  // An arrow at each place, and its probability.
+  drawCandidates(context, k) {
+    const places = drive.inMap.places(k);
+    context.font = '600 13px system-ui, "DejaVu Sans", sans-serif';
+    context.lineJoin = 'round';
+    for (let i = 0; i < places.length; i += 4) {
+      const [x, y, theta, odds] = places.subarray(i, i + 4), [px, py] = this.toPixels(x, y);
+      this.drawArrow(context, px, py, theta, this.colours.candidates);
+      this.inPixels(context);
+      context.strokeStyle = this.colours.paper;
+      context.lineWidth = 4;
+      context.fillStyle = this.colours.candidates;
+      for (const write of ['strokeText', 'fillText']) context[write](percent(odds), px + 12, py - 8);
+    }
+  }
+
   drawEllipse(context, k, px, py) {
-    const [long, short, direction] = drive.sigma.subarray(4 * k, 4 * k + 3), reach = ELLIPSE * this.scale;
+    const [long, short, direction] = this.sigma.subarray(4 * k, 4 * k + 3), reach = ELLIPSE * this.scale;
     context.strokeStyle = this.colours.covariance;
     context.lineWidth = 2;
     context.beginPath();
@@ -262,12 +292,12 @@ class MapView {
     context.stroke();
   }
 
-  drawSensor(context, px, py, theta) {
+  drawArrow(context, px, py, theta, colour) {
     context.setTransform(this.ratio, 0, 0, this.ratio, this.ratio * px, this.ratio * py);
     context.rotate(-theta);
     context.beginPath();
     context.moveTo(11, 0); context.lineTo(-7, 7); context.lineTo(-4, 0); context.lineTo(-7, -7); context.closePath();
-    context.fillStyle = this.colours.ink;
+    context.fillStyle = colour;
     context.strokeStyle = this.colours.paper;
     context.lineWidth = 1.5;
     context.fill();

@@ -9,7 +9,16 @@ const word = status => status === 'ok' ? 'OK' : status;
 
 function sentence(k) {
   const status = word(data.drive.statusNames[drive.status[k]]), reason = data.drive.reasons[drive.reason[k]];
-  return `Scan ${drive.scan[k]}, ${drive.time[k].toFixed(1)} s, ${drive.distance[k].toFixed(2)} m: ${status}${reason ? ', ' + reason : ''}.`;
+  const known = drive.inMap ? ` In the map: ${stateInMap(k)}.` : '';
+  return `Scan ${drive.scan[k]}, ${drive.time[k].toFixed(1)} s, ${drive.distance[k].toFixed(2)} m: ${status}${reason ? ', ' + reason : ''}.${known}`;
+}
+
+// The state in the map of a file, with the probabilities of the places and that of none of them.
+function stateInMap(k) {
+  const state = data.drive.inMap.stateNames[drive.inMap.state[k]], places = drive.inMap.places(k);
+  if (isLocalised(k)) return state;
+  const odds = Array.from({length: places.length / 4}, (_, i) => places[4 * i + 3]), rest = Math.max(1 - odds.reduce((sum, each) => sum + each, 0), 0);
+  return `${state}; ${[...odds.slice(0, 3).map(percent), ...odds.length > 3 ? ['...'] : [], `elsewhere ${percent(rest)}`].join(', ')}`;
 }
 
 class Page {
@@ -64,7 +73,7 @@ class Page {
   }
 
   layers() {
-    const kinds = new Set(drive.others.map(other => other.kind)), absent = {truth: !kinds.has('truth'), wheels: !kinds.has('wheels'), loops: !drive.closed, marks: !this.marks.length,
+    const kinds = new Set(drive.others.map(other => other.kind)), absent = {truth: !kinds.has('truth'), wheels: !kinds.has('wheels'), loops: !drive.closed, marks: !this.marks.length, candidates: !drive.inMap,
       segments: data.live || drive.count > 0 && !drive.firstSegment[drive.count], covariance: !data.live && drive.sigma.every((value, i) => i % 4 || value === 0), keyframes: !drive.keyFrames.open.length};
     for (const [name, label, d, on] of LAYERS) if (!absent[name]) {
       const box = this.toggle(name, label, on, value => { this.view.shown[name] = value; });
@@ -73,7 +82,17 @@ class Page {
                                       style: `stroke: var(--${name}); stroke-width: ${width}`});
     }
     this.toggle('follow', 'follow the sensor', false, value => { this.view.shown.follow = value; });
-    if (drive.closed) this.toggle('closed', 'closed map', false, value => this.view.showClosed(value)).setAttribute('role', 'switch');
+    this.mapSwitch(CLOSED, 'closed', 'closed map', drive.closed, false);
+    this.mapSwitch(KNOWN, 'known', 'in the given map', drive.inMap, true);
+  }
+
+  // A switch between the map of the odometry and another one; switching one on switches the other off.
+  mapSwitch(which, name, label, there, on) {
+    if (!there) return;
+    this.toggle(name, label, on, value => {
+      if (value) for (const box of document.querySelectorAll('#layers [role=switch]')) box.checked = box.id === 'layer-' + name;
+      if (value || this.view.which === which) this.view.show(value ? which : OWN);
+    }).setAttribute('role', 'switch');
   }
 
   toggle(name, label, on, set) {
@@ -89,8 +108,9 @@ class Page {
 
   makePlots() {
     const errors = drive.plots.filter(plot => plot.id !== 'time'), times = drive.plots.filter(plot => plot.id === 'time');
-    const status = {id: 'status', name: 'Status', note: '', unit: '', values: drive.status};
-    return [...errors.map(plot => new Plot(at('plots'), plot, this)), new StatusPlot(at('plots'), status, this), ...times.map(plot => new Plot(at('plots'), plot, this))];
+    const status = {id: 'status', name: 'Status', note: '', unit: '', values: drive.status, levels: data.drive.statusNames.map(word), good: 'OK', reviewed: this.marks};
+    const inMap = drive.inMap && {id: 'in-map', name: 'State in the given map', note: '', unit: '', values: drive.inMap.state, levels: data.drive.inMap.stateNames.map(name => name.replace('this ', '')), good: 'localised', reviewed: []};
+    return [...errors.map(plot => new Plot(at('plots'), plot, this)), new StatusPlot(at('plots'), status, this), ...inMap ? [new StatusPlot(at('plots'), inMap, this)] : [], ...times.map(plot => new Plot(at('plots'), plot, this))];
   }
 
   review() {
@@ -153,9 +173,10 @@ class Page {
   }
 
   values() {
-    const k = this.current, pose = this.view.poses, [long, short, , turn] = drive.sigma.subarray(4 * k, 4 * k + 4), degrees = 180 / Math.PI;
-    const rows = [['scan', `${drive.scan[k]}`], ['pose', `x ${pose[3 * k].toFixed(3)} m, y ${pose[3 * k + 1].toFixed(3)} m, ${(degrees * pose[3 * k + 2]).toFixed(2)}°`],
+    const k = this.current, pose = this.view.poses, [long, short, , turn] = this.view.sigma.subarray(4 * k, 4 * k + 4), degrees = 180 / Math.PI;
+    const rows = [['scan', `${drive.scan[k]}`], ['pose', Number.isNaN(pose[3 * k]) ? 'unknown' : `x ${pose[3 * k].toFixed(3)} m, y ${pose[3 * k + 1].toFixed(3)} m, ${(degrees * pose[3 * k + 2]).toFixed(2)}°`],
       ['sigma', long ? `${number(long)} m and ${number(short)} m, ${number(degrees * turn)}°` : 'unknown'], ['status', word(data.drive.statusNames[drive.status[k]])],
+      ...drive.inMap ? [['in the map', stateInMap(k)]] : [],
       ['reason', data.drive.reasons[drive.reason[k]] || 'none'],
       ...data.live ? [] : [['registered to', drive.reference[k] < 0 ? 'no scan' : `scan ${drive.reference[k]}, overlap ${Math.round(100 * drive.overlap[k])} %`]],
       ...drive.plots.map(plot => [plot.short, plot.values[k] === plot.values[k] ? `${number(plot.values[k])} ${plot.unit}` : 'unknown'])];

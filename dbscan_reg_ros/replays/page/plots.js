@@ -4,8 +4,8 @@
 const MARK_REACH = 16;
 
 class Plot {
-  constructor(parent, {id, name, note, unit, values, log, kind}, page) {
-    Object.assign(this, {id, name, unit, values, log, kind, page});
+  constructor(parent, {id, name, note, unit, values, log, kind, levels, good, reviewed}, page) {
+    Object.assign(this, {id, name, unit, values, log, kind, levels, good, reviewed, page});
     this.box = html(parent, 'div', undefined, 'plot');
     this.box.id = 'plot-' + id;
     html(this.box, 'p', note ? `${name}, ${note}` : name);
@@ -97,17 +97,18 @@ class Plot {
   marked() { return false; }
 }
 
+// A row for each of `levels`, thick red except in that of `good`, and one for the `reviewed` marks if there are any.
 class StatusPlot extends Plot {
   height() { return 178; }
 
   axis() {
-    const rows = [...data.drive.statusNames.map(word), ...(this.page.marks.length ? ['to review'] : [])];
+    const rows = [...this.levels, ...(this.reviewed.length ? ['to review'] : [])];
     return {y: [-0.5, rows.length - 0.5], yticks: rows.map((name, level) => [level, name])};
   }
 
   describe() {
-    const counts = data.drive.statusNames.map((name, level) => `${this.known.filter(value => value === level).length} ${word(name)}`);
-    return `Status over ${data.drive.along.label}: ${counts.join(', ')}`;
+    const counts = this.levels.map((name, level) => `${this.known.filter(value => value === level).length} ${name}`);
+    return `${this.name} over ${data.drive.along.label}: ${counts.join(', ')}`;
   }
 
   series() {
@@ -119,20 +120,20 @@ class StatusPlot extends Plot {
       for (let column = place; column === place || column < next; column++) {
         if (seen.has(column * 8 + level)) continue;
         seen.add(column * 8 + level);
-        parts[level ? 1 : 0] += `M${column} ${(y(level - 0.28)).toFixed(1)}V${(y(level + 0.28)).toFixed(1)}`;
+        parts[this.levels[level] === this.good ? 0 : 1] += `M${column} ${(y(level - 0.28)).toFixed(1)}V${(y(level + 0.28)).toFixed(1)}`;
       }
     }
     svg(inside, 'path', {class: 'series', d: parts[0]});
     svg(inside, 'path', {class: 'series bad', d: parts[1]});
-    this.marks = this.page.marks.map(mark => svg(front, 'circle', {
-      class: `mark ${mark.pair.status}`, r: 6, cx: x(drive.along[mark.at]), cy: y(data.drive.statusNames.length)}));
+    this.marks = this.reviewed.map(mark => svg(front, 'circle', {
+      class: `mark ${mark.pair.status}`, r: 6, cx: x(drive.along[mark.at]), cy: y(this.levels.length)}));
     this.choose(this.page.chosen);
   }
 
   marked(x, y) {
-    const level = this.chart.y(data.drive.statusNames.length);
+    const level = this.chart.y(this.levels.length);
     return Math.abs(y - level) <= MARK_REACH && this.page.chooseAmong(
-      this.page.marks.map(mark => Math.abs(this.chart.x(drive.along[mark.at]) - x)), MARK_REACH);
+      this.reviewed.map(mark => Math.abs(this.chart.x(drive.along[mark.at]) - x)), MARK_REACH);
   }
 
   choose(index) {

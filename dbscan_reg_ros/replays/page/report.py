@@ -12,6 +12,7 @@ from ...core.parameters.tree import Parameters
 from ...evaluation.known_motion import KnownMotion
 from ...figures.plots import DensityMap
 from ...recordings.files import replacing
+from ..in_map import InMap
 from ..trajectory import Trajectory
 from .drive_data import drive_data, sections
 from .encoding import picture, rounded, script_json
@@ -62,6 +63,8 @@ class Report:
         Returns, segments, covariance and status of each scan.
     closed : ClosedMap or None
         Result of loop closing; None if loops were not closed.
+    in_map : InMap or None
+        The drive in the map of a file; None without such a map.
     competitors : list of (str, Trajectory)
         Names and trajectories of the competitors over the same recording.
     index : str
@@ -78,6 +81,7 @@ class Report:
     register: str = ''
     history: ScanHistory = field(default_factory=ScanHistory)
     closed: ClosedMap | None = None
+    in_map: InMap | None = None
     competitors: list = field(default_factory=list)
     index: str = ''
 
@@ -112,6 +116,7 @@ def page_data(report, live=False):
     data = {
         'title': report.title, 'live': live, 'summary': report.summary, 'drive': drive,
         'map': _map(report.density), 'closedMap': _map(report.closed.density) if report.closed else None,
+        'knownMap': _map(report.in_map.picture()) if report.in_map else None,
         'nothing': '' if any(plot['id'] == 'translation' for plot in drive['plots']) else _nothing(report.known),
         'pairs': [_pair_data(pair, scans) for pair in report.pairs],
         'register': report.register, 'sections': sections(report),

@@ -14,11 +14,14 @@ from dbscan_reg_ros import SE2
 from dbscan_reg_ros.commands.replay import main
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.evaluation.metrics import duration, path_lengths
+from dbscan_reg_ros.places.grid import Grid
 from dbscan_reg_ros.places.map import Map
 from dbscan_reg_ros.recordings import read_tum
 from dbscan_reg_ros.recordings.poses import relative
+from dbscan_reg_ros.replays.in_map import grid_picture
 from dbscan_reg_ros.replays.loops import Loops
 from dbscan_reg_ros.replays.pairs_to_review import PairsToReview
+from dbscan_reg_ros.robot.occupancy import FREE, OCCUPIED, UNKNOWN
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
 
 pytest.importorskip('rosbags')
@@ -145,6 +148,24 @@ def test_a_drive_is_localised_in_the_map_of_another(tmp_path, capsys):
     truth = relative(simulate(world, follow(world.tour[2:7]), lidar, seed=1).truth[:1].repeat(len(drive.truth), axis=0),
                      drive.truth)[np.searchsorted(drive.stamps, stamps)]
     assert len(stamps) > 20 and np.abs(relative(truth, poses)).max() < 0.1
+    metrics = json.loads((out / 'back' / 'latest' / 'metrics.json').read_text())
+    assert metrics['in_map_localised'] == len(stamps) and 0.0 <= metrics['in_map_first_m'] < 5.0
+    states = [metrics[f'in_map_{state}'] for state in ('searching', 'localised', 'ambiguous', 'not_in_map')]
+    assert sum(states) == metrics['scans']
+
+
+def test_the_picture_of_a_turned_grid_has_its_walls_in_the_frame_of_the_map():
+    """A wall along y = 1 of a grid that is turned by a quarter, and free cells on one side of it."""
+    values = np.full((40, 60), UNKNOWN, dtype=np.int8)
+    values[:20], values[20] = FREE, OCCUPIED
+    density = grid_picture(Grid(values, SE2(2.0, -1.0, math.pi / 2.0), 0.05))
+    left, right, bottom, top = density.extent
+    assert (left, right, bottom, top) == pytest.approx((0.0, 2.0, -1.0, 2.0), abs=0.11)
+
+    def ink(x, y):
+        return density.ink[int((y - bottom) / 0.05), int((x - left) / 0.05)]
+
+    assert ink(2.0 - 1.025, 0.5) == 1.0 and 0.0 < ink(1.5, 0.5) < 0.3 and ink(0.5, 0.5) == 0.0
 
 
 PARTS = {
