@@ -7,7 +7,7 @@ distributed: narrowly at the right pose, less narrowly at the right pose in a pa
 since, and broadly where the pose is wrong. A corridor suits many corridors, so that the share at wrong poses is high at
 some places and low at others: it is one unknown of the drive, and the best of the other poses in the map show it. What
 suits two poses well suits a place outside the map as well, unless it suits both so well that one is a copy of the
-other.
+other. Between a place and its copy a few returns do not decide: of the copy, too, some are not as they were mapped.
 
 The constants of changes and of wrong poses maximise the mean log-probability of the truth on one simulated floor, with
 lidars of 180 and 360 deg, for drives on it as mapped and changed, and for drives on another floor. The others were set
@@ -30,7 +30,7 @@ WRONG = 0.68, 9.0
 """Mean and strength of the share at the best wrong poses."""
 HOW_KNOWN, HOW_UNKNOWN = (0.15, 5.0), (0.4, 3.0)
 """Mean of the share of returns into the unknown, and its strength, at the right pose and at the best wrong ones."""
-COPIED = 0.02
+COPIED = 0.005
 """Probability that another place in the map is a copy of the right one."""
 FOUND = 0.97
 """Probability that the right pose is among the candidates of a scan."""
@@ -54,14 +54,14 @@ def log_odds(counts: NDArray[np.float64]) -> NDArray[np.float64]:
         Those of `Matcher.count`.
     """
     right, wrong = _likelihoods(counts)
-    alone = right - logsumexp(PRIOR + wrong, axis=1)
-    first, *others = np.argsort(-alone, kind='stable')[:2]
-    # The second best: wrong, or a copy of the right one.
-    second = np.zeros(len(SHARES))
-    for other in others:
-        second = np.logaddexp(np.log(1.0 - COPIED) + wrong[other], np.log(COPIED) + right[other])
+    first, *others = np.argsort(logsumexp(PRIOR + wrong, axis=1) - right, kind='stable')[:2]
+    # A place that is not the right one: wrong, or a copy of it.
+    other = np.logaddexp(np.log(1.0 - COPIED) + wrong, np.log(COPIED) + right[:, None])
     none = logsumexp(PRIOR + wrong[first] + wrong[others].sum(axis=0))
-    found: NDArray[np.float64] = alone - alone[first] + right[first] + logsumexp(PRIOR + second) - none
+    # Of the best and each other place one is right, and the other one is not.
+    against = right - logsumexp(PRIOR + other, axis=1)
+    found: NDArray[np.float64] = (against - against[first] + right[first]
+                                  + logsumexp(PRIOR + other[others].sum(axis=0)) - none)
     return found
 
 

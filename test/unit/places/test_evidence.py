@@ -18,6 +18,11 @@ def test_what_suits_two_places_suits_a_place_outside_as_well():
     assert log_odds(counts(0.93, 0.6))[0] > log_odds(counts(0.93))[0] > log_odds(counts(0.93, 0.92))[0] + 0.5
 
 
+def test_a_few_returns_do_not_decide_between_a_place_and_its_copy():
+    copy, wrong = (log_odds(counts(1.0, share, returns=400)) for share in (0.98, 0.85))
+    assert copy[0] - copy[1] < 4.0 and wrong[0] - wrong[1] > 6.0
+
+
 def test_the_odds_of_two_places_do_not_depend_on_a_third():
     two, three = (log_odds(counts(0.99, 0.9, *others)) for others in ((), (0.85,)))
     assert two == pytest.approx(three[:2])
