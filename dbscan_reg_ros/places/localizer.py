@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ SEARCHED, TRACKED = 30, 12
 drifts."""
 ALIKE = 400
 """Number of views and headings, the most similar first, among which `SKETCHED` poses are chosen."""
-SKETCHED, RETURNS = 60, 60
+SKETCHED, RETURNS = 150, 60
 """Number of poses at which a scan is aligned roughly, and of the returns that are used for this."""
 CANDIDATES = 10
 """Number of the best of these poses that are aligned with all that was seen."""
@@ -152,10 +153,7 @@ class Localizer:
         self._hypotheses, self._probabilities, self._elsewhere = self._transform[None], np.ones(1), 0.0
         self._used, self._odometry_covariance = update.pose.as_array(), update.covariance
         self._covariance, self._middle = covariance, self._used[:2]
-        normal = np.random.default_rng(0).standard_normal((DRAWN, DOF))
-        values, axes = np.linalg.eigh(covariance)
-        drawn = pose.as_array() + np.vstack((np.zeros(DOF), normal * np.sqrt(np.maximum(values, 0.0)) @ axes.T))
-        self._given = compose(drawn, np.repeat(back.as_array()[None], len(drawn), axis=0))
+        self._given = _drawn(pose, covariance, back)
 
     def process(self, update: OdometryUpdate) -> Localization:
         """Use the next scan of the odometry.
@@ -169,7 +167,7 @@ class Localizer:
             self._forget()
         pose = update.pose.as_array()
         if update.status is not Status.FAILED and not update.waits and self._moved(pose):
-            if self._stops and (np.diag(update.covariance - self._odometry_covariance) > UNCERTAIN).any():
+            if self._stops and (np.diag(self._motion_covariance(update)) > UNCERTAIN).any():
                 self._forget()
             place = update.scan_pose
             self._stops.append(Stop.of(place.as_array(), place.apply(update.features.points)))
@@ -190,8 +188,9 @@ class Localizer:
         view, heading = np.divmod(alike, BEARINGS)
         poses = self._views[view] + np.column_stack((np.zeros((len(alike), 2)), heading * (2.0 * np.pi / BEARINGS)))
         poses = poses[_distinct(poses, -similarity[alike], APART, APART_TURN, SKETCHED)]
-        aligned = self._matcher.align(poses, points, RETURNS, FROM_AFAR)
-        return aligned.poses[_distinct(aligned.poses, -aligned.agreement, SAME, SAME_TURN, CANDIDATES)]
+        poses = self._matcher.align(poses, points, RETURNS, FROM_AFAR).poses
+        odds = log_odds_alone(self._matcher.count(poses, Drive.of([Stop.of(np.zeros(DOF), points)])))
+        return poses[_distinct(poses, -odds, SAME, SAME_TURN, CANDIDATES)]
 
     def _forget(self) -> None:
         """Begin a new search."""
@@ -229,8 +228,7 @@ class Localizer:
         self._elsewhere = missed + outside
         if self._probabilities[0] >= CERTAIN:
             self._state, self._transform = State.LOCALISED, self._hypotheses[0]
-            self._covariance = np.linalg.inv(aligned.information[kept[0]] / INDEPENDENT + np.eye(DOF))
-            self._middle = aligned.middle
+            self._covariance, self._middle = aligned.covariance(kept[0]), aligned.middle
         elif self._probabilities.sum() >= CERTAIN:
             self._state = State.AMBIGUOUS
         else:
@@ -264,24 +262,54 @@ class Localizer:
 
     def _confirm(self, drive: Drive) -> None:
         """Correct a given pose once the scans suit one place within its covariance, and search if they suit none."""
-        aligned = self._matcher.align(self._given, drive.hits, scales=FROM_AFAR)
-        odds = log_odds_alone(self._matcher.count(aligned.poses, drive))
-        at, given = (compose(poses, np.repeat(self._used[None], len(poses), axis=0))
-                     for poses in (aligned.poses, self._given[:1]))
-        off = at - given
-        off[:, 2] = wrap(off[:, 2])
         assert self._transform is not None
         spread = _carried(self._covariance, self._transform, self._used[:2] - self._middle) + OF_MAP
-        chi2 = np.einsum('hi,hi->h', off, np.linalg.solve(spread, off.T).T)
-        posterior = odds - 0.5 * chi2
+        fit = self._fit(self._given, drive, self._used, spread)
+        if fit.odds < -SURE:
+            self._doubt()
+        elif fit.is_sure:
+            self._transform, self._hypotheses = fit.transform, fit.transform[None]
+            self._covariance, self._middle, self._given = fit.covariance, fit.middle, self._given[:0]
+
+    def _fit(self, given: NDArray[np.float64], drive: Drive, pose: NDArray[np.float64], spread: NDArray[np.float64]
+             ) -> '_Fit':
+        """Return where a drive suits the map best.
+
+        The transforms `given` (N, 3), the first their mean, put the latest `pose` (3,) of the odometry at poses in the
+        map with the covariance `spread` (3, 3).
+        """
+        aligned = self._matcher.align(given, drive.hits, scales=FROM_AFAR)
+        odds = log_odds_alone(self._matcher.count(aligned.poses, drive))
+        at, mean = (compose(poses, np.repeat(pose[None], len(poses), axis=0)) for poses in (aligned.poses, given[:1]))
+        off = at - mean
+        off[:, 2] = wrap(off[:, 2])
+        posterior = odds - 0.5 * np.einsum('hi,hi->h', off, np.linalg.solve(spread, off.T).T)
         best = _distinct(at, -posterior, SAME, SAME_TURN, KEPT)
         share = np.exp(posterior[best] - posterior[best[0]])
-        if odds.max() < -SURE:
-            self._doubt()
-        elif share[0] / share.sum() >= CERTAIN and odds[best[0]] > 0.0:
-            self._transform, self._hypotheses = aligned.poses[best[0]], aligned.poses[best[:1]]
-            self._covariance = np.linalg.inv(aligned.information[best[0]] / INDEPENDENT + np.eye(DOF))
-            self._middle, self._given = aligned.middle, self._given[:0]
+        return _Fit(aligned.poses[best[0]], aligned.covariance(best[0]), aligned.middle, float(odds.max()),
+                    bool(share[0] / share.sum() >= CERTAIN and odds[best[0]] > 0.0))
+
+    def _placed(self, update: OdometryUpdate) -> tuple[SE2, NDArray[np.float64]]:
+        """Return the transform at a scan whose motion the odometry does not know, and the covariance of the pose.
+
+        If the scan suits the map at one place near the predicted pose, it is there.
+        """
+        assert self._transform is not None
+        transform, pose = SE2.from_array(self._transform), update.pose.as_array()
+        spread = (_carried(self._covariance, self._transform, pose[:2] - self._middle) + OF_MAP + np.diag(UNCERTAIN)
+                  + turned(self._motion_covariance(update), self._transform[2]))
+        place = update.scan_pose
+        drive = Drive.of([Stop.of(place.as_array(), place.apply(update.features.points))])
+        fit = self._fit(_drawn(transform @ update.pose, spread, update.pose.inverse()), drive, pose, spread)
+        if not fit.is_sure:
+            return transform, spread
+        return SE2.from_array(fit.transform), _carried(fit.covariance, fit.transform, pose[:2] - fit.middle) + OF_MAP
+
+    def _motion_covariance(self, update: OdometryUpdate) -> NDArray[np.float64]:
+        """Return the covariance (3, 3) of the motion since the last scan that was used, in the odometry frame."""
+        lever = lever_arm(update.pose.x - self._used[0], update.pose.y - self._used[1])
+        found: NDArray[np.float64] = update.covariance - lever @ self._odometry_covariance @ lever.T
+        return found
 
     def _report(self, update: OdometryUpdate) -> Localization:
         """Return what is known at the pose of an update."""
@@ -290,14 +318,36 @@ class Localizer:
         hypotheses = list(zip(places, self._probabilities.tolist(), strict=False))
         if self._transform is None:
             return Localization(self._state, None, None, None, hypotheses, self._elsewhere)
-        covariance = LOST
+        transform, covariance = SE2.from_array(self._transform), LOST
         if self._state is State.LOCALISED:
-            offset = np.array((update.pose.x, update.pose.y)) - self._middle
-            covariance = _carried(self._covariance, self._transform, offset) + OF_MAP
             if update.status is Status.FAILED:
-                covariance = covariance + turned(update.covariance - self._odometry_covariance, self._transform[2])
-        transform = SE2.from_array(self._transform)
+                transform, covariance = self._placed(update)
+            else:
+                offset = np.array((update.pose.x, update.pose.y)) - self._middle
+                covariance = _carried(self._covariance, self._transform, offset) + OF_MAP
         return Localization(self._state, transform, transform @ update.pose, covariance, hypotheses, self._elsewhere)
+
+
+class _Fit(NamedTuple):
+    """Where a drive suits the map best.
+
+    `transform` (3,) and `covariance` (3, 3), of the point `middle` (2,) of the odometry frame, are those of `Aligned`;
+    `odds` are the largest log-odds of all poses; `is_sure`: none other is as probable.
+    """
+
+    transform: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    middle: NDArray[np.float64]
+    odds: float
+    is_sure: bool
+
+
+def _drawn(pose: SE2, covariance: NDArray[np.float64], back: SE2) -> NDArray[np.float64]:
+    """Return poses drawn from a covariance about the first of them, `pose` itself, each composed with `back`."""
+    normal = np.random.default_rng(0).standard_normal((DRAWN, DOF))
+    values, axes = np.linalg.eigh(covariance)
+    drawn = pose.as_array() + np.vstack((np.zeros(DOF), normal * np.sqrt(np.maximum(values, 0.0)) @ axes.T))
+    return compose(drawn, np.repeat(back.as_array()[None], len(drawn), axis=0))
 
 
 def _distinct(poses, ranks, apart, turn, most) -> NDArray[np.int64]:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..core.geometry.se2 import wrap
 from ..robot.occupancy import FREE, OCCUPIED
+from .evidence import INDEPENDENT
 from .grid import Grid
 
 CELL = 0.1
@@ -124,14 +125,16 @@ class Aligned(NamedTuple):
         The middle of the returns, in the odometry frame.
     information : (H, 3, 3) float
         Of the position of `middle` in the map and of the heading, if each return is independent of the others.
-    agreement : (H,) float
-        Mean weight of the returns in the robust kernel, 0..1.
     """
 
     poses: NDArray[np.float64]
     middle: NDArray[np.float64]
     information: NDArray[np.float64]
-    agreement: NDArray[np.float64]
+
+    def covariance(self, number: int) -> NDArray[np.float64]:
+        """Return the covariance (3, 3) of one of the poses, for the position of `middle` and the heading."""
+        found: NDArray[np.float64] = np.linalg.inv(self.information[number] / INDEPENDENT + np.eye(3))
+        return found
 
 
 class Matcher:
@@ -171,8 +174,7 @@ class Matcher:
         poses[:, :2] = placed(poses, -middle[None])[:, 0]
         poses[:, 2] = wrap(poses[:, 2])
         variance = np.maximum((weight * off**2).sum(axis=1) / weight.sum(axis=1), (0.3 * self.grid.resolution) ** 2)
-        return Aligned(poses, middle, every * (normal - np.eye(3)) / variance[:, None, None],
-                       weight.mean(axis=1))
+        return Aligned(poses, middle, every * (normal - np.eye(3)) / variance[:, None, None])
 
     def count(self, poses: NDArray[np.float64], drive: Drive) -> NDArray[np.float64]:
         """Count what agrees at each pose (H, 3) of the odometry frame in the map.

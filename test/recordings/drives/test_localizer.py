@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros import SE2, Odometry, Parameters
-from dbscan_reg_ros.core.geometry.se2 import wrap
+from dbscan_reg_ros.core.geometry.se2 import lever_arm, wrap
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.places.evidence import log_odds_alone
 from dbscan_reg_ros.places.grid import Grid
@@ -146,6 +146,34 @@ def test_a_pose_that_is_set_wrong_is_given_up_and_the_right_one_is_found(floor):
     assert states[-1] is State.LOCALISED
     off = SE2.from_array(truth[-1]).inverse() @ found[-1].pose
     assert math.hypot(off.x, off.y) < 0.1
+
+
+def test_the_map_places_a_scan_whose_motion_the_odometry_does_not_know(floor):
+    localizer = Localizer(grid_of(floor))
+    truth, updates = driven(floor, floor.tour[6:4:-1])
+    localizer.set_pose(SE2.from_array(truth[0]), 1e-4 * np.eye(3), updates[0])
+    for update in updates[1:6]:
+        localizer.process(update)
+    off = updates[6].pose @ SE2(0.1, 0.0, 0.15)
+    for pose, status in ((off, Status.FAILED), (updates[6].pose, Status.OK)):
+        found = localizer.process(dataclasses.replace(updates[6], pose=pose, status=status))
+        error = SE2.from_array(truth[6]).inverse() @ found.pose
+        assert found.state is State.LOCALISED and math.hypot(error.x, error.y) < 0.1 and abs(error.theta) < 0.02
+
+
+def test_an_unknown_heading_of_the_odometry_joins_its_scans_as_well_as_a_known_one(floor):
+    localizer = Localizer(grid_of(floor))
+    _, updates = driven(floor, floor.tour[6:4:-1])
+    unknown = []
+    for update in updates:
+        lever = lever_arm(update.pose.x, update.pose.y)
+        covariance = update.covariance + lever @ np.diag((0.0, 0.0, 0.4)) @ lever.T
+        unknown.append(dataclasses.replace(update, covariance=covariance))
+    known, other = [], []
+    for states, drive in ((known, updates), (other, unknown)):
+        localizer.reset()
+        states += [localizer.process(update).state for update in drive]
+    assert known == other and State.LOCALISED in known
 
 
 def test_a_search_keeps_the_last_transform_and_a_reset_forgets_it(floor):
