@@ -86,6 +86,7 @@ class RobotInMap:
         self._graph = publisher(node, MarkerArray, 'map_graph', LATCHED) if self._builds else None
         self._subscribe_and_serve(known is None)
         self._received: OccupancyGrid | None = None
+        self._reading: Future[Grid] | None = None
         self._drawing: Future[Picture | None] | None = None
         self._next_drawing = self._began_drawing = 0.0
         self._given_at: float | None = None
@@ -102,7 +103,7 @@ class RobotInMap:
 
     @property
     def parameters(self) -> NodeParameters:
-        """Parameters of the node; another ``map.file`` is read at once where the robot is localised."""
+        """Parameters of the node; another ``map.file`` is read, in the thread, where the robot is localised."""
         return self._parameters
 
     @parameters.setter
@@ -110,10 +111,7 @@ class RobotInMap:
         changed = value.map.file and value.map.file != self._parameters.map.file
         self._parameters = value
         if changed and not self._builds:
-            try:
-                self._use(_load(value))
-            except ParameterError as error:
-                self._log.warn(f'{error}; the map before is kept')
+            self._reading = self._tracking.read(lambda: _load(value))
 
     def _subscribe_and_serve(self, without_map: bool) -> None:
         """Create the subscriptions and services of the mode."""
@@ -175,6 +173,8 @@ class RobotInMap:
         """Return the state of the localisation for /diagnostics."""
         known = self._found and self._found.known
         text = self._announced
+        if self._builds and known and known.state is not State.LOCALISED:
+            text += ': nothing is added to the map until the robot is at a place of it'
         level = DiagnosticStatus.OK if known and known.state is State.LOCALISED else DiagnosticStatus.WARN
         values = []
         if known:
@@ -200,7 +200,13 @@ class RobotInMap:
                                 message=text, values=values)
 
     def _take_results(self) -> None:
-        """Publish what was found."""
+        """Use a map that was read, and publish what was found."""
+        if self._reading and self._reading.done():
+            reading, self._reading = self._reading, None
+            try:
+                self._use(reading.result())
+            except ParameterError as error:
+                self._log.warn(f'{error}; the map before is kept')
         while self._tracking.results:
             found = self._found = self._tracking.results.popleft()
             self._transform = found.known.transform

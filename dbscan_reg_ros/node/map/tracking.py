@@ -97,6 +97,10 @@ class Tracking:
         """Localise in this map; if it replaces another one, the pose is kept until the scans contradict it."""
         self._thread.submit(self._use_map, grid).add_done_callback(self._note)
 
+    def read(self, load: Callable[[], Grid]) -> 'Future[Grid]':
+        """Read a map, which `use_map` does not use yet."""
+        return self._thread.submit(load)
+
     def process(self, update: OdometryUpdate, sensor_pose: SE2) -> None:
         """Use the next scan.
 
