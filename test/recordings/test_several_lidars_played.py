@@ -34,7 +34,7 @@ def test_the_demo_refuses_two_lidars_of_a_log(start_command, tmp_path):
 
 @needs_rosbags
 @needs_tf2_msgs
-def test_the_demo_gives_the_poses_of_the_first_of_bag_of_two_lidars(start_command, pair, tmp_path):
+def test_the_demo_gives_the_poses_of_the_first_of_two_lidars(start_command, pair, tmp_path):
     process = start_command('demo', '--out', tmp_path / 'out', pair, *TOPICS)
     assert process.wait(120.0) == 0, process.output()
     found = re.search(r'scans (\d+) skipped 0 path 37\.\d m final error (\d\.\d+) m', process.output())
