@@ -85,3 +85,11 @@ def test_a_single_scan_far_back_in_time_is_skipped_with_the_reason(node, player,
     assert distances(answers.messages[31:], truth[31:40]).max() < 0.05
     said(node, 'scan skipped: its stamp lies far before those of the scans around it', peer)
     assert 'odometry reset' not in node.output()
+
+
+def test_a_single_scan_with_a_wrong_stamp_does_not_restart_the_odometry(node, player, scans, truth):
+    assert played(player, scans[:30]).lost == 0
+    assert player.play(restamped(scans[30:31], [2_100_000_000 * SECOND])).lost == 0
+    answers = player.play(scans[31:40])
+    assert answers.lost == 0
+    assert distances(answers.messages, truth[31:40]).max() < 0.3

@@ -16,11 +16,18 @@ import rclpy  # noqa: F401 - needs ROS
 from bags import needs_rosbags, scan_bag
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
+from rcl_interfaces.srv import SetParameters
 from ros_helpers import (
     TIMEOUT,
+    Loudspeaker,
     Peer,
+    needs_tf2_msgs,
+    parameter_messages,
     pose_of,
+    said,
+    transform,
 )
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -120,6 +127,33 @@ def resumed(player, scans):
 # Scans
 
 
+def lost(scans, moment, rng):
+    return list(itertools.compress(scans, (rng.random(len(scans)) < 0.5) | (np.arange(len(scans)) < moment)))
+
+
+def twice_and_three_times(scans, moment, rng):
+    times = rng.integers(1, 4, len(scans))
+    return [scan for k, scan in enumerate(scans) for _ in range(times[k] if k > moment else 1)]
+
+
+def overtaking(scans, moment, rng):
+    later = [k for start in range(moment, len(scans), 3) for k in rng.permutation(range(len(scans))[start:start + 3])]
+    return [*scans[:moment], *(scans[k] for k in later)]
+
+
+@pytest.mark.parametrize('disorder', [lost, *(pytest.param(each, marks=pytest.mark.long)
+                                              for each in (twice_and_three_times, overtaking))])
+def test_scans_are_lost_come_again_or_overtake_each_other(node, player, scans, moment, steady, disorder):
+    steady(begun(player, disorder(scans, moment, np.random.default_rng(moment))))
+
+
+@pytest.mark.long
+def test_scans_come_in_a_burst_after_a_pause(node, player, scans, moment, steady):
+    before = begun(player, scans[:moment])
+    burst = player.play(scans[moment:moment + 20], window=20).messages
+    steady([*before, *filter(None, burst), *resumed(player, scans[moment + 20:])])
+
+
 @pytest.mark.usefixtures('node')
 def test_the_publisher_is_killed_and_started_again(start_command, peer, scans, moment, steady, tmp_path):
     answers = peer.listen(Odometry, 'odom')
@@ -159,6 +193,31 @@ def answered(player, scan):
 
 
 @pytest.mark.long
+def test_parameters_are_set_a_hundred_times_a_second(node, player, peer, scans, moment, steady):
+    client = peer.node.create_client(SetParameters, '/scan_matcher/set_parameters')
+    before = begun(player, scans[:moment])
+    peer.greet()
+    values = itertools.cycle([28.0, 29.0])
+    asked = []
+
+    def ask():
+        request = SetParameters.Request(parameters=parameter_messages({'scan.range_max': next(values)}))
+        asked.append(client.call_async(request))
+
+    timer = peer.node.create_timer(0.01, ask)
+    with peer.spinning():
+        answers = player.play(scans[moment:], rate=1.0).messages
+    timer.cancel()
+    peer.until(lambda: any(future.done() for future in asked[-10:]))
+    results = [future.result().results[0] for future in asked if future.done()]
+    assert all(result.successful for result in results)
+    assert len(asked) > 5 * len(answers)
+    assert len(results) > 0.25 * len(asked), 'a service keeps ten requests at most, but not so few'
+    assert any(answers[:10])
+    steady([*before, *filter(None, answers)])
+
+
+@pytest.mark.long
 @needs_rosbags
 @pytest.mark.usefixtures('node')
 def test_subscribers_never_read(data, player, peer, start_command, parts, steady):
@@ -180,6 +239,39 @@ def test_subscribers_never_read(data, player, peer, start_command, parts, steady
 
 
 # Time and transforms
+
+
+@pytest.mark.long
+def test_the_clock_steps_back_and_forth(start_node, player, peer, scans, moment, steady):
+    start_node('-p', 'use_sim_time:=true')
+    clock = Loudspeaker(peer, Clock, '/clock', 1).publisher
+    rng = np.random.default_rng(moment)
+
+    def stepping():
+        for scan in scans[moment:]:
+            clock.publish(Clock(clock=stamp_to_message(scan.stamp + int(rng.integers(-10**9, 10**9)))))
+            yield scan
+
+    before = begun(player, scans[:moment])
+    answers = player.play(stepping(), patience=RESUMED)
+    assert answers.lost == 0
+    steady([*before, *answers.messages])
+
+
+@pytest.mark.long
+@needs_tf2_msgs
+def test_the_transform_of_the_laser_vanishes(start_node, player, peer, scans, moment, steady):
+    from tf2_msgs.msg import TFMessage
+    node = start_node('-p', 'mounting:=tf', '-p', 'advanced.input.max_wait:=0.5')
+    player.wait_for_node(TIMEOUT)
+    Loudspeaker(peer, TFMessage, '/tf').tell(
+        TFMessage(transforms=[transform('base_link', 'laser', stamp=s.stamp) for s in scans[:moment]]))
+    before = begun(player, scans[:moment])
+    answers = player.play(scans[moment:], patience=RESUMED)
+    assert answers.lost == 0
+    assert max(answers.delays[5:]) < 0.5
+    said(node, "the transform from 'base_link' to 'laser' is not known at the time of the scan", peer)
+    steady([*before, *answers.messages])
 
 
 # Files
@@ -233,3 +325,20 @@ def test_the_folder_of_logs_is_read_only(start_command):
     assert node.wait(TIMEOUT) == 2
     assert 'scan_matcher: ROS does not start: ' in node.output() and "'/sys/log'" in node.output()
     assert len(node.output().strip().splitlines()) == 1
+
+
+@pytest.mark.long
+def test_the_folder_of_snapshots_is_read_only(start_node, player, peer, scans, moment, steady):
+    start_node('-p', 'advanced.snapshot.folder:=/sys')
+    before = begun(player, scans[:moment])
+    answer = snapshot(peer)
+    assert not answer.success
+    assert '/sys/scan_matcher_' in answer.message and 'cannot be written: ' in answer.message
+    steady([*before, *resumed(player, scans[moment:])])
+
+
+def test_the_folder_of_results_is_read_only(start_command, scans, tmp_path):
+    process = start_command('replay', scan_bag(tmp_path / 'drive', scans[:5]), '--out', '/sys')
+    assert process.wait(TIMEOUT) == 2, process.output()
+    assert process.output().startswith('replay: /sys: cannot be written, ')
+    assert len(process.output().strip().splitlines()) == 1

@@ -84,6 +84,16 @@ def test_beams_without_a_return_at_the_ends_change_nothing(motion, seed, before,
     assert_same(plain, motion_of(*wider), 0.001, 0.0005)
 
 
+@given(st.lists(MOTIONS, min_size=2, max_size=2), SEEDS)
+def test_motions_around_a_loop_close(motions, seed):
+    poses = [START, START @ motions[0], START @ motions[1]]
+    scans = [look(ROOM, pose, FULL, NOISE, seed + k) for k, pose in enumerate(poses)]
+    around = SE2()
+    for k in range(3):
+        around = around @ motion_of(scans[k], scans[(k + 1) % 3])
+    assert_same(around, SE2(), 2.0 * NOISE, 0.008)
+
+
 @given(MOTIONS, MOTIONS, SEEDS)
 def test_a_registration_does_not_depend_on_what_was_registered_before(motion, other, seed):
     one, two = map(extract_features, pair(motion, seed))
