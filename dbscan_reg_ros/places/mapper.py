@@ -27,6 +27,9 @@ TRIED = 3
 """Largest number of earlier key frames, nearest first, to which each key frame is registered."""
 STEP_SPREAD = np.array((0.005, 0.005, 0.002))
 """Standard deviation [m, m, rad] added to the registration covariance of a motion between key frames."""
+GROWTH = 1.1
+"""If every key frame is kept, the poses are optimised each time that there are so many times more of them: all of it
+together takes about ten times as long as the last time."""
 GAP_SPREAD = np.array((1.0, 1.0, 1.0))
 """The same if no scan was received for long between them: the scan after the gap may have been found elsewhere."""
 
@@ -62,6 +65,8 @@ class Mapper:
     ----------
     parameters : Parameters
         Those of the odometry.
+    every : bool
+        Every key frame of the odometry becomes one of the map: all constraints are kept, for a drive that ends.
 
     Attributes
     ----------
@@ -71,8 +76,8 @@ class Mapper:
         How the latest scan was registered to a key frame that was seen long before.
     """
 
-    def __init__(self, parameters: Parameters = Parameters()) -> None:
-        self._parameters = parameters
+    def __init__(self, parameters: Parameters = Parameters(), every: bool = False) -> None:
+        self._parameters, self._every = parameters, every
         self.reset()
 
     def reset(self) -> None:
@@ -92,6 +97,10 @@ class Mapper:
         self._odometry_covariance, self._gap = np.zeros((DOF, DOF)), False
         # That of the robot and that of each key frame; all of track 0 are in one map.
         self._track, self._tracks = 0, list[int]()
+        # Whether there are constraints that the poses do not follow from, and the number of key frames when they did.
+        self._unsettled, self._settled = False, 0
+        # Whether each key frame shows what none before it did.
+        self._shows_new: list[bool] = []
         self._localizer: Localizer | None = None
         self._found: Localization | None = None
 
@@ -119,10 +128,21 @@ class Mapper:
     @property
     def graph(self) -> PoseGraph:
         """The poses of the key frames, and all constraints between them."""
+        self._settle()
+        return PoseGraph(self._poses, self._all_constraints())
+
+    def _settle(self) -> None:
+        """Optimise the poses, if there are constraints that they do not follow from."""
+        if self._unsettled:
+            self._poses = optimise(self._poses, self._all_constraints())
+            self._unsettled, self._settled = False, len(self._views)
+
+    def _all_constraints(self) -> Constraints:
+        """Return all constraints between key frames."""
         pairs = np.array(list(self._constraints), dtype=np.int64).reshape(-1, 2)
         motions = np.array([motion for motion, _ in self._constraints.values()]).reshape(-1, DOF)
         covariances = np.array([covariance for _, covariance in self._constraints.values()]).reshape(-1, DOF, DOF)
-        return PoseGraph(self._poses, Constraints(pairs, motions, covariances))
+        return Constraints(pairs, motions, covariances)
 
     @property
     def anchor(self) -> tuple[int, SE2]:
@@ -137,7 +157,8 @@ class Mapper:
 
         Key frames since a loss are no views of it until the robot is found.
         """
-        views = [view for view, track in zip(self._views, self._tracks, strict=True) if not track]
+        views = [view for view, track, is_new in zip(self._views, self._tracks, self._shows_new, strict=True)
+                 if is_new and not track]
         return Map(self.graph, views, mounting)
 
     def _refine(self, features: Features) -> None:
@@ -151,6 +172,7 @@ class Mapper:
         place = update.scan_pose
         if not self._views:
             self._insert(update, place, np.zeros((DOF, DOF)))
+            self._shows_new.append(True)
             self._relation = Relation(0, SE2(), np.zeros((DOF, DOF)))
         else:
             if update.starts_track:
@@ -174,10 +196,12 @@ class Mapper:
         known = self.seen_again = self._again(update)
         chain = self._relation
         alike = shows_the_same(self._poses, self._in_map(known or chain).as_array(), update.features.measured)
-        is_new = not (alike & self._comparable(update)).any()
+        shows_new = not (alike & self._comparable(update) & self._shows_new).any()
+        is_new = shows_new or self._every
         if is_new:
             number = len(self._views)
             self._insert(update, self._in_map(chain), self._covariance_of(chain))
+            self._shows_new.append(shows_new)
             self._constrain(chain.frame, number, chain.motion, chain.covariance)
             self._relation = Relation(number, SE2(), np.zeros((DOF, DOF)))
             if known:
@@ -187,7 +211,9 @@ class Mapper:
             self._constrain(chain.frame, known.frame, chain.motion @ known.motion.inverse(),
                             turn @ (chain.covariance + known.covariance) @ turn.T)
         if known:
-            self._poses = optimise(self._poses, self.graph.constraints)
+            self._unsettled = True
+            if not self._every or len(self._views) >= GROWTH * self._settled:
+                self._settle()
         if known and not is_new:
             self._relation = self._weighed(known, chain)
 

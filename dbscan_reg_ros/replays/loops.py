@@ -26,7 +26,7 @@ class Loop(NamedTuple):
 
 
 class Loops:
-    """Builds the map of a drive, and corrects the poses of all scans by it.
+    """Builds the map of a drive, and corrects the poses of all scans by it; the parameters are those of `Mapper`.
 
     Attributes
     ----------
@@ -34,8 +34,8 @@ class Loops:
     found : list of Loop
     """
 
-    def __init__(self, parameters: Parameters = Parameters()):
-        self.mapper = Mapper(parameters)
+    def __init__(self, parameters: Parameters = Parameters(), every: bool = True):
+        self.mapper = Mapper(parameters, every)
         self.found: list[Loop] = []
         self._frames, self._poses = list[int](), list[tuple]()
 
