@@ -179,3 +179,12 @@ def test_tf_is_subscribed_to_only_while_we_and_others_publish_it(start_node, pla
     assert player.play(scans[3:6]).lost == 0
     assert node.stop() == 0
     assert 'Traceback' not in node.output()
+
+
+def test_tf_is_not_subscribed_to_if_no_transform_is_sent_or_read(start_node, player, peer, tf_type):
+    start_node('-p', 'publish_tf:=false')
+    player.wait_for_node(TIMEOUT)
+    peer.node.create_publisher(tf_type, '/tf', 100)
+    reports = peer.subscribe(DiagnosticArray, '/diagnostics')
+    peer.until(lambda: len(reports) == 3)
+    assert peer.node.count_subscribers('/tf') == 0
