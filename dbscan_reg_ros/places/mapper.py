@@ -54,7 +54,8 @@ class Mapper:
     """Builds a map while the robot drives, and closes its loops.
 
     A key frame of the odometry becomes one of the map only where none of the map shows the same, so that the map of a
-    building stops growing once all of it was seen. A key frame that is registered to an old one of the map, over
+    building stops growing once all of it was seen. One that was seen long ago counts only if the scan is found in it:
+    otherwise drift led back to it, as along a corridor. A key frame that is registered to an old one of the map, over
     `AWAY` of driving or more, adds a constraint, and all poses are optimised. After a loss the robot is searched for in
     the map so far by the `Localizer`; the key frames since then join the map once it is found.
 
@@ -196,6 +197,9 @@ class Mapper:
         known = self.seen_again = self._again(update)
         chain = self._relation
         alike = shows_the_same(self._poses, self._in_map(known or chain).as_array(), update.features.measured)
+        if known is None:
+            # What was seen long ago and is not found now is elsewhere.
+            alike &= self._way - np.array(self._seen) < AWAY
         shows_new = not (alike & self._comparable(update) & self._shows_new).any()
         is_new = shows_new or self._every
         if is_new:
