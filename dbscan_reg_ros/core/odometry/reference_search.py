@@ -13,7 +13,7 @@ from ..parameters.tree import Parameters
 from ..registration.pipeline import register, register_within_gate
 from ..registration.records import Prior, Registration, Status
 from ..registration.search import SearchStage
-from ..registration.status import demoted_if_poor, demoted_if_weak
+from ..registration.status import demoted_if_poor
 from .gate import Gate
 from .models.covariance import displacement_covariance
 from .references import (
@@ -136,11 +136,6 @@ class ReferenceSearch:
         for frame, features in (Reference(frames[-1], lost.window.local_map_of(self._sensor)), *references):
             prior = Prior(frame.pose.inverse() @ expected, covariance)
             registration = register(features, self._features, parameters, prior, SearchStage.NORMAL)
-            if lost.gap and lost.time < _AFTER_GAP and registration.status is Status.AMBIGUOUS:
-                # The sensor was probably not carried; but few points may fit at another door of a corridor as well.
-                prior = Prior(frame.pose.inverse() @ lost.gap.transform @ expected, lost.gap.covariance)
-                registration = demoted_if_weak(register(
-                    features, self._features, parameters, prior, SearchStage.NORMAL), prior, parameters.decision)
             pose = frame.pose @ registration.transform
             verdict = self._gate.check_lost_map(expected, covariance, pose, registration)
             if verdict.decision is Decision.ACCEPT:
@@ -194,7 +189,5 @@ class ReferenceSearch:
         return register(reference.features, retried, self._search_parameters, prior), retried
 
 
-_AFTER_GAP = 0.5
-"""Time [s] after a gap in which a match may owe its confidence to the predicted motion: chance has few trials."""
 _MIN_EXPECTED_RATIO = 0.5
 """A reference is tried for an unresolved direction if this ratio of `decision.min_information` is expected from it."""

@@ -12,7 +12,6 @@ from ..mapping.key_frame import KeyFrame
 from ..mapping.key_frame_window import KeyFrameWindow
 from ..no_return import NoReturn
 from ..parameters.odometry import OdometryParameters
-from ..registration.records import Prior
 from .models.beam_timing import BeamTimingSearch
 from .models.manhattan import ManhattanHeading
 from .models.motion import ConstantVelocityModel
@@ -58,16 +57,15 @@ class LostMap:
         Covariance after the last scan that was registered to this map.
     time : float [s]
         Time since the last scan that was registered to this map, without the `gap`.
-    gap : Prior or None
-        Predicted motion in the gap after which no scan was found in this map, as far as the pose does not follow it, in
-        the odometry frame; None where scans went on.
+    gap : bool
+        Whether no scan was found in this map after a gap.
     """
 
     window: KeyFrameWindow
     pose: SE2
     covariance: CovariancePropagation
     time: float
-    gap: Prior | None = None
+    gap: bool = False
 
     def longest(self, parameters: OdometryParameters) -> float:
         """Return the time [s] for which the map is kept."""
@@ -198,16 +196,13 @@ class TrackState:
         assert self.window is not None, 'a track has a key frame from its first scan on'
         return self.window
 
-    def map_before_gap(self, interval: ScanInterval, predicted: Prior) -> LostMap | None:
-        """Return the map before the first gap since which no scan was found in it; None if there was no gap.
-
-        `predicted` is the motion in the `interval`, as `LostMap.gap`.
-        """
+    def map_before_gap(self, interval: ScanInterval) -> LostMap | None:
+        """Return the map before the first gap since which no scan was found in it; None if there was no gap."""
         lost = self.tracking.lost
         if lost is not None and lost.gap:
             return lost
         covariance = copy.deepcopy(self.covariance)
-        return LostMap(self.key_frames, self.pose, covariance, 0.0, predicted) if interval.jump else None
+        return LostMap(self.key_frames, self.pose, covariance, 0.0, gap=True) if interval.jump else None
 
 
 _GAP_TIME = 60.0
