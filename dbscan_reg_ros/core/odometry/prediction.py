@@ -9,9 +9,8 @@ from ..geometry.se2 import SE2
 from ..parameters.tree import Parameters
 from ..registration.records import Prior
 from ..sensor import Sensor
-from .models.covariance import unknown_motion_covariance
 from .models.stamps import ScanInterval
-from .state import Mode, TrackState
+from .state import TrackState
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +104,3 @@ def _prediction(state: TrackState, prior: Prior, parameters: Parameters) -> Pred
     """Return the prediction that results from applying a `prior` to the last pose."""
     pose = state.pose @ prior.transform
     return Prediction(pose, prior, state.motion.gate_covariance(prior, pose, state.tracking.lost_time, parameters))
-
-
-def coasting_prior(state: TrackState, predictions: Predictions, p: Parameters) -> Prior:
-    """Return the best prior; while the motion model has no velocity yet, with the covariance of an unknown motion."""
-    prior = predictions.best.prior
-    if state.tracking.mode is Mode.STARTING and predictions.by_motion_model:
-        return Prior(prior.transform, unknown_motion_covariance(predictions.interval, p))
-    return prior

@@ -31,7 +31,7 @@ from .models.manhattan import ManhattanHeading
 from .models.motion import ConstantVelocityModel
 from .models.stamps import ScanInterval
 from .models.wheel_calibration import WheelCalibration
-from .prediction import Predictions, coasting_prior
+from .prediction import Predictions
 from .records import OdometryUpdate
 from .references import Match, Outcome
 from .report import ReportedStep, report
@@ -126,7 +126,7 @@ def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p
         state.motion.forget_position()
     guess = outcome.guess and sensor.first_at(outcome.guess)
     pose = guess or (state.pose if mode is Mode.LOST and predictions.by_motion_model else predicted)
-    _propagate(state, pose, sensor.first_prior(coasting_prior(state, predictions, p)), interval)
+    _propagate(state, pose, sensor.first_prior(predictions.best.prior), interval)
     state.pose = pose
     frame = KeyFrame(features, sensor.pose_at(pose), number=state.output.number, sensor=sensor)
     last_scans = state.tracking.scans_with(sensor.name, frame)
