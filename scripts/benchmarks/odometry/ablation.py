@@ -56,6 +56,12 @@ FEATURES = {
     'zero-velocity update': ({'advanced.odometry.zero_velocity_gate': 0.0}, ('lms511', 'spinup')),
     'deskewing': ({'odometry.deskew': False}, ('losses', 'bursts')),
     'Manhattan heading': ({'advanced.manhattan.heading_drift': 0.0}, ('intel', 'rooms')),
+    'normals that agree': ({'advanced.density.min_normal_cosine': -1.0}, ('corridors', 'covered')),
+    'gross outliers': ({'advanced.filter.gross_error': 0.0}, ('sparse', 'corridors')),
+    'breakpoints by the noise': ({'advanced.segments.breakpoint_noise': 0.0}, ('lidars', 'sparse')),
+    'pre-selection': ({'advanced.selection.preselected': 10000}, ('sparse', 'corridors')),
+    'score gap': ({'advanced.selection.max_score_gap': 2.0}, ('sparse', 'covered')),
+    'key frames by angle': ({'advanced.odometry.key_frame_angle': 6.4}, ('sparse', 'narrow')),
 }
 """Feature -> parameters that switch it off, and the courses that should be worse without it."""
 LOWER = ('rpe_1m_mean_m', 'rpe_5m_mean_m', 'ate_m', 'across_m', 'drift_m', 'frozen')
