@@ -33,6 +33,8 @@ def test_without_scans_the_topic_and_its_publishers_are_named(start_node, peer, 
     status = diagnosis(peer, received, lambda s: level(s) == 'stale')
     assert status.name == '/robot/scan_matcher: laser odometry'
     assert status.message == 'no scans on /robot/scan: no node publishes there'
+    peer.node.create_publisher(LaserScan, '/robot/front/scan', 10)
+    assert diagnosis(peer, received, lambda s: '-r scan:=/robot/front/scan' in s.message)
     peer.node.create_publisher(LaserScan, '/robot/scan', 10)
     assert diagnosis(peer, received, lambda s: '/peer publishes there, but no scan is received' in s.message)
 
