@@ -33,10 +33,9 @@ def calibrate(args):
     from ..replays.lidar_calibration import calibrate_lidars
     from ..replays.lidars import Lidars, further_lidars, given_mountings, mounting_in, parse_mountings
     from ..robot.parameter_files import read_parameters
-    from ..robot.parameters import NodeParameters
     from .workers import watched
 
-    parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
+    parameters = read_parameters(args.params_file)
     mountings = given_mountings(parameters, args.topic) | parse_mountings(args.mounting)
     path = find_recording(args.file, args.data)
     lidars = Lidars(tuple(args.topic), mountings).of_recording(path, parameters)

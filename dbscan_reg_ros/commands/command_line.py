@@ -110,9 +110,9 @@ def add_mounting(parser):
 
 def add_parameters(parser, use='', otherwise=''):
     """Add the argument ``--params-file``; `use` follows what the file is, `otherwise` what its default is."""
-    parser.add_argument('--params-file', metavar='YAML', action='append', help='parameter file as for ROS 2 nodes, or '
-                        f'the name of a ready-made parameter set: {", ".join(ready_made())}{use}; if given more than '
-                        f'once, a later file takes precedence (default: the default values{otherwise})')
+    parser.add_argument('--params-file', metavar='YAML', action='append', default=[], help='parameter file as for '
+                        f'ROS 2 nodes, or the name of a ready-made parameter set: {", ".join(ready_made())}{use}; if '
+                        f'given more than once, a later file takes precedence (default: the default values{otherwise})')
 
 
 def add_pictures(parser):

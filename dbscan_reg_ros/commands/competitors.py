@@ -117,8 +117,9 @@ def note_missing(competitors, names):
 
 
 def first_parameters(competitors):
-    """Return the parameters of the first of the `competitors` that has some, to read point clouds with; else None."""
-    return next((each.parameters for each in competitors if each.parameters), None)
+    """Return the parameters of the first of the `competitors` that has some, to read point clouds with."""
+    from ..robot.parameters import NodeParameters
+    return next((each.parameters for each in competitors if each.parameters), NodeParameters())
 
 
 def follow_one(path, lidars, competitor, parameters):

@@ -46,10 +46,9 @@ def demo(args):
     from ..replays.lidars import given_mountings, mounting_in, scan_topics
     from ..replays.result_folder import Faults
     from ..robot.parameter_files import read_parameters
-    from ..robot.parameters import NodeParameters
 
     with interruptible(*ENDING):
-        parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
+        parameters = read_parameters(args.params_file)
         topics = scan_topics(args.topic, parameters)
         recording = _recording(args, topics)
         mountings = given_mountings(parameters, topics)
@@ -65,7 +64,7 @@ def _node_words(paths, parameters, topics) -> list:
     """Return the arguments of the node: its parameter files, and arguments for the topics of the lidars."""
     from ..paths import parameter_file
 
-    words = [word for path in paths or () for word in ('--params-file', str(parameter_file(path)))]
+    words = [word for path in paths for word in ('--params-file', str(parameter_file(path)))]
     if parameters.prior.source not in WITHOUT_DATA:
         print(f'demo: prior.source {parameters.prior.source!r} has no effect in demo, which plays scans and static '
               'transforms only; play FILE with a node of its own plays the others, too', file=sys.stderr)

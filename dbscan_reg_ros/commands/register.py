@@ -88,20 +88,18 @@ def register(args):
     from ..replays.lidars import scan_topics
     from ..replays.result_folder import new_folder, point_latest
     from ..robot.parameter_files import read_parameters
-    from ..robot.parameters import NodeParameters
 
-    path, parameters = find_recording(args.file, args.data), args.params_file and read_parameters(args.params_file)
-    args.topic = scan_topics(args.topic, parameters or NodeParameters())
+    path, parameters = find_recording(args.file, args.data), read_parameters(args.params_file)
+    args.topic = scan_topics(args.topic, parameters)
     if args.method == 'paper':
         _check_paper(args, path)
-    if parameters:
-        note_unused('register', args.params_file, parameters, _used(len(args.topic) > 1))
+    note_unused('register', args.params_file, parameters, _used(len(args.topic) > 1))
     if args.truth and (args.figure4 or path.suffix == '.npz'):
         raise CommandError(f'--truth {args.truth}: expected two scans of a recording')
     if args.figure4:
         pair = _moved(path, args, parameters)
     elif path.suffix == '.npz':
-        pair = _of_snapshot(path, args.numbers, parameters)
+        pair = _of_snapshot(path, args.numbers, parameters if args.params_file else None)
     else:
         pair = _of_recording(path, args, parameters)
     steps = _steps(pair, args.method)
@@ -156,7 +154,6 @@ def _used(several):
 def _moved(path, args, parameters):
     """Return a `Pair` of a scan and the same scan moved by the motion of the example in the paper."""
     from ..core.paper.pipeline import PAPER_MOTION, moved
-    from ..core.parameters.tree import Parameters
 
     numbers = args.numbers
     if len(numbers) > 1 or min(numbers, default=0) < 0:
@@ -166,12 +163,10 @@ def _moved(path, args, parameters):
     number = numbers[0] if numbers else 0
     (lidar,), found = _scans(path, args, [number], parameters)
     scan = found.scans[number].scan
-    return Pair(f'{lidar.recording.name}_{number}_moved', moved(scan), scan, parameters or Parameters(),
-                truth=PAPER_MOTION)
+    return Pair(f'{lidar.recording.name}_{number}_moved', moved(scan), scan, parameters, truth=PAPER_MOTION)
 
 
 def _of_recording(path, args, parameters):
-    from ..core.parameters.tree import Parameters
     from ..figures.texts import Timing
 
     numbers = args.numbers
@@ -182,7 +177,6 @@ def _of_recording(path, args, parameters):
     reference, current = (each.scan for each in chosen)
     recording, several = lidars[0].recording, _lidars_of_pair(lidars, numbers, chosen)
     truth = _true_motion(recording, reference.stamp, current.stamp, args.truth)
-    parameters = parameters or Parameters()
     duration = max(reference.duration, current.duration)
     timing = Timing(1e-9 * (current.stamp - reference.stamp), duration,
                     _motion_of_lidars(lidars, found, duration, parameters) if duration else None)

@@ -86,14 +86,14 @@ def replay(args):
     from ..replays.odometry import GYROSCOPE, WHEELS, prior_parameters
     from ..replays.page.entries import write_replay_index
     from ..robot.parameter_files import read_parameters
-    from ..robot.parameters import REPLAYED, NodeParameters
+    from ..robot.parameters import REPLAYED
     from .workers import workers
 
     if args.map_out:
         if len(args.files) > 1:
             raise DbscanRegError(f'--map-out {args.map_out}: expected one recording; {len(args.files)} are given')
         check_writable(args.map_out, DbscanRegError)
-    parameters = read_parameters(args.params_file) if args.params_file else NodeParameters()
+    parameters = read_parameters(args.params_file)
     if args.wheels or args.imu:
         source = '+'.join([WHEELS] * args.wheels + [GYROSCOPE] * args.imu)
         parameters = replace(parameters, prior=replace(parameters.prior, source=source))

@@ -82,14 +82,14 @@ def tune(args):
     from ..replays.lidars import Lidars, parse_mountings, scan_topics
     from ..replays.odometry import prior_parameters
     from ..robot.parameter_files import read_parameters, write_parameters
-    from ..robot.parameters import REPLAYED, NodeParameters
+    from ..robot.parameters import REPLAYED
     from ..tuning.objective import HOPELESS
     from ..tuning.space import read_axis
     from ..tuning.study import Study
     from .competitors import Competitor, follow_all
     from .workers import workers
 
-    start = read_parameters(args.params_file) if args.params_file else NodeParameters()
+    start = read_parameters(args.params_file)
     lidars = Lidars(scan_topics(args.topic, start), parse_mountings(args.mounting))
     used = REPLAYED | prior_parameters(start) | ({'scan_topics'} if lidars.topics else set())
     note_unused('tune', args.params_file, start, used)

@@ -17,7 +17,7 @@ from ..recordings.bags.clouds import CloudParameters
 from ..recordings.recording import Recording
 from ..robot.mask import Mask, corrected_stamp
 from ..robot.parameter_groups import InputParameters
-from ..robot.parameters import NodeParameters, mounting_from_parameters
+from ..robot.parameters import mounting_from_parameters
 from ..robot.scan_buffer import OfLidar, RecordedScans
 from ..robot.sensors import NAMELESS
 
@@ -80,11 +80,10 @@ class Lidars:
     def of_recording(self, path, parameters) -> 'Lidars':
         """Return the lidars of the recording at `path`: those of one topic, in several frames, are lidars of their own.
 
-        This applies to topics whose ``mounting`` is tf in the `parameters` (`NodeParameters` or None), and to which the
-        user gave no mounting.
+        This applies to topics whose ``mounting`` is tf in the `parameters` (`NodeParameters`), and to which the user
+        gave no mounting.
         """
         topics: list[str] = []
-        parameters = parameters or NodeParameters()
         for topic in self.topics or (None,):
             recording = open_recording(path, topic, CloudParameters.of(parameters, topic, self.mountings))
             is_given = recording.topic in self.mountings or parameters.lidar(recording.topic).mounting != 'tf'
@@ -136,13 +135,12 @@ class RecordedLidar:
     def measured(self, parameters):
         """Return the scans in the frame of this lidar; of one of several without masked returns, and as if upright.
 
-        Then `parameters` (`NodeParameters` or None) have its mask and its time offset.
+        Then `parameters` (`NodeParameters`) have its mask and its time offset.
         """
         scans = self.recording.scans()
         if self.limits is None:
             return scans
-        own = (parameters or NodeParameters()).input_of(self.recording.topic)
-        return turned(received(scans, own), 0.0, self.mounting.upside_down)
+        return turned(received(scans, parameters.input_of(self.recording.topic)), 0.0, self.mounting.upside_down)
 
 
 def given_mountings(parameters, topics) -> dict:
@@ -224,11 +222,11 @@ def prepared(scans, mounting, parameters, note=None):
 def all_lidars(path, lidars, parameters) -> list:
     """Open the recording at `path` for each of the `lidars` (`Lidars`); return a `RecordedLidar` for each.
 
-    `parameters` are `NodeParameters` or None. Raises as `further_lidars`.
+    `parameters` are `NodeParameters`. Raises as `further_lidars`.
     """
-    own, parameters = CloudParameters.of(parameters, lidars.first), parameters or NodeParameters()
     lidars = lidars.of_recording(path, parameters)
     if len(lidars.topics) <= 1:
+        own = CloudParameters.of(parameters, lidars.first)
         return [RecordedLidar(open_recording(path, lidars.first, own), Mounting(), None)]
     recording = lidars.open(path, parameters)
     mounting, others = lidars_of(recording, lidars, parameters)

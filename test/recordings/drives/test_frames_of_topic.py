@@ -14,6 +14,7 @@ from dbscan_reg_ros.recordings import open_recording
 from dbscan_reg_ros.recordings.bags.with_rosbags import MessageMaker
 from dbscan_reg_ros.recordings.message_fields import scan_fields
 from dbscan_reg_ros.replays.lidars import Lidars
+from dbscan_reg_ros.robot.parameters import NodeParameters
 from dbscan_reg_ros.simulation import Lidar, follow, rooms
 from dbscan_reg_ros.simulation import simulate as simulated
 
@@ -121,4 +122,4 @@ def test_one_frame_is_chosen_by_the_name_of_its_lidar(merged, drives, tmp_path):
     with pytest.raises(Exception, match=r"no scans on /scan have the frame 'top'; their frames: front, rear$"):
         open_recording(merged, '/scan:top')
     alone = scan_bag(tmp_path / 'alone', drives['front'][:3])
-    assert Lidars().of_recording(alone, None) == Lidars()
+    assert Lidars().of_recording(alone, NodeParameters()) == Lidars()
