@@ -62,12 +62,12 @@ def test_the_normal_equations_are_those_of_finite_differences(rng):
     columns = np.array([(errors(pose + move).residuals[0] - now.residuals[0]) / step for move in step * np.eye(3)])
     # In another cell a point may have another line.
     same = (np.abs(columns) < 10.0).all(axis=0)
-    weights = points.weighted(weight(now, scale)) * same
+    weights = points.weights * weight(now, scale) * same
     design = np.vstack((columns, now.residuals[0])) * same
     _, equations = refine(pose[None], Alignment(points, field, 0.5, 0.0), [scale])
     assert same.mean() > 0.97
     assert np.abs(equations[0] - (design * weights) @ design.T).max() < 0.05 * np.abs(equations[0]).max()
-    weights = points.weighted(weight(now, scale))
+    weights = points.weights * weight(now, scale)
     np.testing.assert_allclose(equations[0], normal_equations(linear_residuals(now), weights), rtol=1e-9, atol=1e-9)
 
 

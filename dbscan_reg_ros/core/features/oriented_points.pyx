@@ -6,6 +6,7 @@ import numpy as np
 from ..geometry import tolerance
 
 from ..geometry.plane cimport modulus, rotated, vector
+from .point_weights cimport leverage_weight
 
 cdef double TINY = tolerance.TINY
 
@@ -60,10 +61,6 @@ cdef class OrientedPoints:
         return OrientedPoints(
             np.concatenate((self.points, other.points)), np.concatenate((self.normals, other.normals)),
             np.concatenate((self.beams, other.beams)), np.concatenate((self.weights_view, other.weights_view)))
-
-    def weighted(self, weight):
-        """Multiply a `weight` ``(..., P)`` by the weights of the points."""
-        return weight if self.weights is None else weight * self.weights
 
     def thinned(self, Py_ssize_t count):
         """Return at most `count` of the points, evenly spaced along the scan."""
@@ -147,7 +144,7 @@ def leverage(OrientedPoints oriented, double ridge):
         xx, xy, yy = xx / max(size, 1) + ridge, xy / max(size, 1), yy / max(size, 1) + ridge
         for k in range(size):
             x, y = normals[k].real, normals[k].imag
-            weight[k] = (yy * x * x - 2.0 * xy * x * y + xx * y * y) * given[k]
+            weight[k] = leverage_weight(x, y, xx, xy, yy) * given[k]
             total += weight[k]
         for k in range(size):
             weight[k] /= max(total, TINY)

@@ -14,6 +14,7 @@ from libc.stdlib cimport free, malloc
 
 from ..geometry.plane cimport distance, modulus, vector
 from .oriented_points cimport OrientedPoints
+from .point_weights cimport pole_weight
 from .records cimport Features
 from .surfaces cimport DEPTH_MARGIN, BreakLimits, break_limits, is_break
 
@@ -154,8 +155,7 @@ cpdef Features with_poles(Features features, double size, parameters):
 
     A small object none of whose points has a normal is a pole. A point with a normal constrains the motion across its
     surface; a pole constrains it in every direction. A pole is assumed to be round and as wide as its beams, at most
-    `size`. The weights of the points that represent a pole add up to twice the weight of the pole's returns, as if each
-    return lay on two surfaces.
+    `size`.
 
     Parameters
     ----------
@@ -196,8 +196,6 @@ _POINTS = 8
 """Number of oriented points around a pole."""
 _AROUND = 2.0 * np.pi * np.arange(_POINTS) / _POINTS
 """Directions [rad] from the centre of a pole to its oriented points, the first one towards the sensor."""
-_SURFACES = 2.0
-"""Weight of a return from a pole relative to a return from a wall: a pole constrains the motion along two axes."""
 
 
 def points_around(poles, double size):
@@ -206,7 +204,7 @@ def points_around(poles, double size):
     towards = -poles.front / np.maximum(moduli(poles.front), TINY)
     normals = rotated(towards[:, None], _AROUND)
     points = (poles.front - half * towards)[:, None] + half[:, None] * normals
-    weights = np.minimum(_SURFACES * poles.returns / _POINTS, 1.0)
+    weights = np.array([pole_weight(returns, _POINTS) for returns in poles.returns])
     return OrientedPoints(points.ravel(), normals.ravel(), poles.beam.repeat(_POINTS), weights.repeat(_POINTS))
 
 

@@ -9,6 +9,7 @@ from ..geometry.se2 import SE2
 from libc.stdlib cimport free, malloc
 from libc.string cimport memset
 
+from ..features.point_weights cimport kernel, kernel_factor
 from ..geometry.exponential cimport decaying_exp
 from ..geometry.plane cimport wrap
 from ..registration.point_to_line cimport Equations, add_row, solve_step
@@ -90,14 +91,14 @@ cdef class Correspondences:
 
         The weights of all pairs of one point sum to at most 1.
         """
-        cdef double factor = -0.5 / (scale * scale), x = step[0], y = step[1], theta = step[2]
+        cdef double factor = kernel_factor(scale), x = step[0], y = step[1], theta = step[2]
         cdef double *a = self.a
         cdef double *b = self.b
         cdef double *r = self.r
         cdef double *e = self.e
         cdef double *weight = self.weight
         cdef double *total = self.total
-        cdef double[LANES] kernel
+        cdef double[LANES] error
         cdef Py_ssize_t block, first, k
         if scale == self.scale and x == self.step[0] and y == self.step[1] and theta == self.step[2]:
             return
@@ -105,11 +106,9 @@ cdef class Correspondences:
         for block in range((self.count + LANES - 1) // LANES):
             first = LANES * block
             for k in range(LANES):
-                kernel[k] = x * a[first + k] + y * b[first + k] + theta * r[first + k] + e[first + k]
+                error[k] = x * a[first + k] + y * b[first + k] + theta * r[first + k] + e[first + k]
             for k in range(LANES):
-                kernel[k] = decaying_exp(factor * kernel[k] * kernel[k])
-            for k in range(LANES):
-                weight[first + k] = kernel[k]
+                weight[first + k] = kernel(error[k], factor)
         memset(total, 0, self.size * sizeof(double))
         for k in range(self.count):
             total[self.of_point[k]] += weight[k]
@@ -148,7 +147,7 @@ def weighted_by_agreement(Correspondences found, Correspondences own, const unsi
     noise : float [m]
         Standard deviation of an error.
     """
-    cdef double factor = -0.5 / (scale * scale), e, w, apart
+    cdef double factor = kernel_factor(scale), e, w, apart
     cdef double dx = found.pose.x - own.pose.x, dy = found.pose.y - own.pose.y
     cdef double turn = wrap(found.pose.theta - own.pose.theta)
     # Of the pairs of each point with other and with own key frames: sum of the weights, and of the weighted errors.
@@ -158,12 +157,12 @@ def weighted_by_agreement(Correspondences found, Correspondences own, const unsi
     with nogil:
         for k in range(found.count):
             if not is_own[found.of_frame[k]]:
-                p, w = found.of_point[k], decaying_exp(factor * found.e[k] * found.e[k])
+                p, w = found.of_point[k], kernel(found.e[k], factor)
                 sums[0, p] += w
                 sums[1, p] += w * found.e[k]
         for k in range(own.count):
             e = dx * own.a[k] + dy * own.b[k] + turn * own.r[k] + own.e[k]
-            p, w = own.of_point[k], decaying_exp(factor * e * e)
+            p, w = own.of_point[k], kernel(e, factor)
             sums[2, p] += w
             sums[3, p] += w * e
         for p in range(found.size):

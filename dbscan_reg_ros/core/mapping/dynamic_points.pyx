@@ -11,14 +11,11 @@ from libc.math cimport INFINITY, cos, sin, sqrt
 
 from ..features.free_space cimport PlacedPoints, write_bins
 from ..features.oriented_points cimport BLOCK, OrientedPoints
+from ..features.point_weights cimport movable_weight
 from ..geometry.plane cimport distance, length_of, modulus
 from .lookup cimport Slot, Slots
 
 cdef double TINY = tolerance.TINY
-# A movable object is one observation: its points share its motion, and weigh together at most as this many static ones.
-cdef double OBJECT_WEIGHT = 0.5
-# Weight of a point of a movable object until it is confirmed as static.
-cdef double MOVABLE_WEIGHT = 0.03
 # A movable object is static if a key frame from at least this far away [m] contains it: one that moves with the sensor
 # is elsewhere.
 cdef double STATIC_BASELINE = 0.5
@@ -60,7 +57,7 @@ def without_dynamic_points(features, pose, window, parameters, sensor=''):
         return features
     points = features.oriented_points.select(movable)
     confirmed = confirm(window, pose, points, STATIC_BASELINE, SCORE_SCALE, parameters.density)
-    return features.downweighted(movable, np.maximum(confirmed, np.minimum(MOVABLE_WEIGHT, OBJECT_WEIGHT / sizes)))
+    return features.downweighted(movable, [movable_weight(size, each) for size, each in zip(sizes, confirmed)])
 
 
 def _remove_dynamic(features, pose, window, parameters):

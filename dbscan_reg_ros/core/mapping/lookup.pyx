@@ -10,7 +10,7 @@ from libc.math cimport cos, fabs, sin
 from libc.stdlib cimport free, malloc
 
 from ..features.oriented_points cimport OrientedPoints
-from ..geometry.exponential cimport decaying_exp
+from ..features.point_weights cimport kernel, kernel_factor
 from ..geometry.plane cimport length_of
 from ..registration.views cimport FieldArrays, Lines, lines_of, nearest
 from .correspondences cimport Correspondences, Turned
@@ -239,7 +239,7 @@ def confirm(window, pose, points, double distance, double scale, density):
     cdef ScanLookup lookup = ScanLookup(slots, points, density)
     cdef Py_ssize_t size = lookup.own.size, k, i
     cdef const Py_ssize_t[::1] every = np.arange(size)
-    cdef double factor = -0.5 / (scale * scale)
+    cdef double factor = kernel_factor(scale)
     cdef Correspondences found = lookup.turned(pose, size)
     confirmed = np.zeros(size)
     cdef double[::1] largest = confirmed
@@ -249,6 +249,5 @@ def confirm(window, pose, points, double distance, double scale, density):
         found.count = 0
         lookup.add(k, every, found)
         for i in range(found.count):
-            largest[found.of_point[i]] = max(largest[found.of_point[i]],
-                                             decaying_exp(factor * found.e[i] * found.e[i]))
+            largest[found.of_point[i]] = max(largest[found.of_point[i]], kernel(found.e[i], factor))
     return confirmed

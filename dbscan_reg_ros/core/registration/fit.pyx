@@ -10,7 +10,7 @@ cimport cython
 from libc.math cimport cos, sin, sqrt
 
 from ..features.oriented_points cimport BLOCK, OrientedPoints
-from ..geometry.exponential cimport decaying_exp
+from ..features.point_weights cimport kernel, kernel_factor
 from ..geometry.plane cimport length_of
 from .point_to_line cimport Equations, Hypothesis, Matches, Pose, add_row, match_points, pose_at, solve_step
 from .uncertainty cimport BY_THETA, BY_X, BY_Y, ERROR, OWN_THETA, OWN_X, OWN_Y, ROWS, WEIGHT
@@ -63,15 +63,15 @@ cdef class Fit:
     cdef void weigh(self, double scale) noexcept nogil:
         """Write the weights by a kernel (Eq. 18) of the `scale` [m], 0 where the normals disagree."""
         cdef const double[::1] weights = self.points.weights_view
-        cdef double factor = -0.5 / (scale * scale)
+        cdef double factor = kernel_factor(scale)
         cdef double *error = &self.table[ERROR, 0]
         cdef double *alike = &self.table[ALIKE, 0]
-        cdef double *kernel = &self.table[KERNEL, 0]
+        cdef double *near = &self.table[KERNEL, 0]
         cdef Py_ssize_t k
         for k in range(self.points.size):
-            kernel[k] = decaying_exp(factor * error[k] * error[k]) * alike[k]
+            near[k] = kernel(error[k], factor) * alike[k]
         for k in range(self.points.size):
-            self.table[WEIGHT, k] = kernel[k] * weights[k]
+            self.table[WEIGHT, k] = near[k] * weights[k]
 
     @cython.boundscheck(False)
     cdef void derive_by_own(self, double theta) noexcept nogil:
@@ -97,13 +97,13 @@ cdef class Fit:
         """
         cdef const double[::1] weights = self.points.weights_view
         cdef double[:, ::1] table = self.table
-        cdef double c = cos(angle), s = sin(angle), factor = -0.5 / (scale * scale), line, own, weight
+        cdef double c = cos(angle), s = sin(angle), factor = kernel_factor(scale), line, own, weight
         cdef Agreement found = Agreement(0.0, 0.0)
         cdef Py_ssize_t k
         for k in range(self.points.size):
             line, own = c * table[BY_X, k] + s * table[BY_Y, k], c * table[OWN_X, k] + s * table[OWN_Y, k]
             if table[BY_X, k] != 0.0 or table[BY_Y, k] != 0.0:
-                weight = weights[k] * decaying_exp(factor * table[ERROR, k] * table[ERROR, k])
+                weight = weights[k] * kernel(table[ERROR, k], factor)
                 found.shared += weight * line * own
                 found.seen += 0.5 * weight * (line * line + own * own)
         return found

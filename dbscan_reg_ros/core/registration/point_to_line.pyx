@@ -8,7 +8,7 @@ from libc.stdlib cimport free, malloc
 from libc.string cimport memcpy
 
 from ..features.oriented_points cimport BLOCK, OrientedPoints
-from ..geometry.exponential cimport decaying_exp
+from ..features.point_weights cimport kernel, kernel_factor
 from .views cimport FieldArrays, Grid, Lines, clipped, lines_of, point_of
 
 cdef Equations NO_POINTS = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -165,10 +165,10 @@ cdef void match_points(OrientedPoints points, Lines lines, Py_ssize_t first, Pos
 
 cdef void weigh(Matches *found, double scale) noexcept nogil:
     """Weigh the points by a Gaussian kernel of `scale` [m] (Eq. 18), 0 where the normals disagree."""
-    cdef double factor = -0.5 / (scale * scale)
+    cdef double factor = kernel_factor(scale)
     cdef Py_ssize_t size = found.size, k
     for k in range(size):
-        found.weight[k] = found.alike[k] * decaying_exp(factor * found.error[k] * found.error[k])
+        found.weight[k] = found.alike[k] * kernel(found.error[k], factor)
 
 
 @cython.boundscheck(False)
