@@ -22,7 +22,7 @@ from ..robot.base_state import BaseState, InitialPose, base_state, predicted_sta
 from ..robot.parameters import NodeParameters
 from ..robot.scan_buffer import ScanBuffer
 from .frames.mountings import Mountings
-from .frames.transform_sender import TransformSender, transform_type
+from .frames.transform_sender import TransformSender
 from .frames.transforms import TransformListener
 from .interfaces.endpoints import GraphEntities
 from .interfaces.lidar import Callbacks, Lidar, OdometryTrigger
@@ -30,6 +30,7 @@ from .interfaces.live_parameters import LiveParameters
 from .interfaces.outputs import Outputs
 from .interfaces.scan_reader import ScanMessage
 from .interfaces.services import Services
+from .interfaces.topics import TF
 from .monitoring.diagnostics import PERIOD, Diagnostics
 from .priors import Priors
 from .state_file import StateFile
@@ -63,7 +64,7 @@ class NodeCore:
             node, self._on_transform,
             any(lidar.mounting == 'tf' for lidar in lidars) or parameters.prior.source == 'tf'
             or parameters.map.mode != 'none', self._has_pending, self._sender
-        ) if transform_type() else None
+        ) if TF.kind else None
         self._priors = Priors(node, parameters, self._listener, self._log, self._retry_pending)
         self._lidars = [Lidar(lidar.topic, len(lidars) > 1, node,
                               Mountings(parameters.base_frame, lidar, self._listener), rank)

@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
 
 from ..core.errors import ParameterError
@@ -20,9 +19,8 @@ from ..robot.pose_history import HeadingHistory, PoseHistory
 from .frames.transforms import TransformListener
 from .interfaces.endpoints import subscription
 from .interfaces.messages import PoseError, planar_from_message
+from .interfaces.topics import IMU, WHEEL_ODOM
 from .throttled_log import ThrottledLog
-
-QUALITY = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 Predict = Callable[[int], Prior | None]
 """Function of a stamp [ns] that returns the prediction of the motion model."""
@@ -45,9 +43,9 @@ class Priors:
         sources = parameters.prior.source.split('+')
         self._wheels = self._gyroscope = self._frame = ''
         if 'odometry' in sources:
-            self._wheels = subscription(node, Odometry, 'wheel_odom', self._on_wheels, QUALITY).topic_name
+            self._wheels = subscription(node, WHEEL_ODOM, self._on_wheels).topic_name
         if 'imu' in sources:
-            self._gyroscope = subscription(node, Imu, 'imu', self._on_gyroscope, QUALITY).topic_name
+            self._gyroscope = subscription(node, IMU, self._on_gyroscope).topic_name
         if 'tf' in sources:
             self._frame = parameters.prior.frame
             if transforms is None:

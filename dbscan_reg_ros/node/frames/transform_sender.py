@@ -17,8 +17,8 @@ from ...robot.parameters import NodeParameters
 from ..interfaces.endpoints import publisher
 from ..interfaces.graph_checks import UNNAMED, full_name, is_scan_matcher, named, publishers
 from ..interfaces.messages import PreparedMessage
+from ..interfaces.topics import TF
 
-DEPTH = 100
 NUMBERS = 7
 """Of a translation and a quaternion."""
 COUNT = 4
@@ -29,18 +29,9 @@ WAIT = 5.0
 """Silence [s] after which another sender of the transform counts as stopped."""
 
 
-def transform_type() -> Any:
-    """Return the TFMessage type, or None if tf2_msgs is not installed."""
-    try:
-        from tf2_msgs.msg import TFMessage
-    except ModuleNotFoundError:
-        return None
-    return TFMessage
-
-
 def prepared_transform(parent: str, child: str) -> Any:
     """Return the `PreparedMessage` of a transform from the frame `parent` to `child`; None without tf2_msgs."""
-    kind, transform = transform_type(), TransformStamped(child_frame_id=child)
+    kind, transform = TF.kind, TransformStamped(child_frame_id=child)
     transform.header.frame_id = parent
     return kind and PreparedMessage(kind(transforms=[transform]), NUMBERS, COUNT)
 
@@ -80,7 +71,6 @@ class TransformSender:
         self._parent, self._child = parameters.odom_frame, parameters.base_frame
         if self._invert:
             self._parent, self._child = self._child, self._parent
-        self._type = transform_type()
         self._message = prepared_transform(self._parent, self._child)
         self.publisher: Publisher | None = None
         self.active = False
@@ -112,7 +102,7 @@ class TransformSender:
         If tf2_msgs is not installed, log a warning once and send no transform.
         """
         self._max_jump = parameters.time.max_jump * SECOND
-        if self._type is None:
+        if TF.kind is None:
             if parameters.publish_tf and not self._warned:
                 self._node.get_logger().warning('tf2_msgs is not installed: no transform is sent on /tf; '
                                                 'install it, or set publish_tf to false')
@@ -132,10 +122,10 @@ class TransformSender:
             self.subscribe_static()
 
     def _create_publisher(self) -> None:
-        before = publishers(self._node, '/tf')
-        self.publisher, self._start = publisher(self._node, self._type, '/tf', DEPTH), None
+        before = publishers(self._node, TF.name)
+        self.publisher, self._start = publisher(self._node, TF), None
         name = self._node.get_fully_qualified_name()
-        self._own_gid = next((gid for gid, endpoint in publishers(self._node, '/tf').items()
+        self._own_gid = next((gid for gid, endpoint in publishers(self._node, TF.name).items()
                               if gid not in before and full_name(endpoint) == name), None)
 
     def restart(self) -> None:
@@ -171,7 +161,7 @@ class TransformSender:
 
     def _precedence(self) -> float:
         """Time [s] that a node of this package with a lower gid on /tf is given to start; 0 without such a node."""
-        others = publishers(self._node, '/tf').items()
+        others = publishers(self._node, TF.name).items()
         return WAIT * any(self._own_gid is None or gid < self._own_gid for gid, endpoint in others
                           if gid != self._own_gid and is_scan_matcher(self._node, endpoint))
 
@@ -180,7 +170,7 @@ class TransformSender:
         if transform.child_frame_id != self._child or not self.active:
             return
         signature = _signature(transform)
-        if topic == '/tf' and signature in self._sent:
+        if topic == TF.name and signature in self._sent:
             # Each own transform is received once: a second one was sent by a node like this one.
             del self._sent[signature]
             return

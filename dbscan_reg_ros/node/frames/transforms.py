@@ -9,19 +9,16 @@ import numpy as np
 from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 
 from ...core.geometry.mounting import Mounting, MountingError
 from ...core.geometry.se2 import SE2
 from ..interfaces.graph_checks import named, other_publishers, publishers
+from ..interfaces.topics import TF_IN, TF_STATIC
 from ..rclpy_internals import NO_SUBSCRIPTION_EVENTS, WakingCallbackGroup, taken
-from .transform_sender import TransformSender, transform_type
+from .transform_sender import TransformSender
 from .transform_store import NoTransformError, TransformStore
 
-STATIC_DEPTH = 100
-MOVING_DEPTH = 1000
-"""Largest number of messages on /tf that wait to be polled."""
 COUNT_PERIOD = 0.2
 """Interval [s] at which the publishers on /tf are counted."""
 
@@ -40,7 +37,7 @@ class TransformListener:
         self._on_transform = on_transform
         self._is_urgent = is_urgent
         self._sender = sender
-        self._topic = node.resolve_topic_name('/tf')
+        self._topic = node.resolve_topic_name(TF_IN.name)
         self._store = TransformStore() if store else None
         self._moving = self._subscription() if store else None
         self._static: Subscription | None = None
@@ -50,7 +47,7 @@ class TransformListener:
         sender.subscribe_static = self.subscribe_static
 
     def _subscription(self) -> Subscription:
-        return self._node.create_subscription(transform_type(), '/tf', self._on_moving, MOVING_DEPTH,
+        return self._node.create_subscription(TF_IN.kind, TF_IN.name, self._on_moving, TF_IN.quality,
                                               callback_group=WakingCallbackGroup(self._is_urgent),
                                               event_callbacks=NO_SUBSCRIPTION_EVENTS)
 
@@ -58,9 +55,8 @@ class TransformListener:
         """Subscribe to /tf_static, or subscribe again: every latched transform is received again."""
         if self._static:
             self._node.destroy_subscription(self._static)
-        latched = QoSProfile(depth=STATIC_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._static = self._node.create_subscription(transform_type(), '/tf_static', self._on_static, latched,
-                                                      event_callbacks=NO_SUBSCRIPTION_EVENTS)
+        self._static = self._node.create_subscription(
+            TF_STATIC.kind, TF_STATIC.name, self._on_static, TF_STATIC.quality, event_callbacks=NO_SUBSCRIPTION_EVENTS)
 
     def on_timer(self) -> None:
         """Poll /tf; when a publisher on /tf_static has gone, receive the latched transforms of all others again.

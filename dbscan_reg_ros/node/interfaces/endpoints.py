@@ -18,30 +18,31 @@ from rclpy.subscription import Subscription
 
 from ...core.errors import ParameterError
 from ..rclpy_internals import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS
+from .topics import Topic
 
 POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
 
 
-def publisher(node: Node, kind: type, topic: str, quality: QoSProfile | int) -> Publisher:
-    """Create a publisher of messages of the type `kind`, with a `quality` (an int: the depth of the queue) to override.
+def publisher(node: Node, topic: Topic) -> Publisher:
+    """Create a publisher, whose quality of service may be overridden.
 
     Raises a ParameterError when a parameter that overrides the quality of service has an invalid value.
     """
     return _made(node, topic, 'publisher', lambda options: node.create_publisher(
-        kind, topic, copy.copy(quality), event_callbacks=NO_PUBLISHER_EVENTS, qos_overriding_options=options))
-
-
-def subscription(node: Node, kind: type, topic: str, callback: Callable[..., None],
-                 quality: QoSProfile | int) -> Subscription:
-    """Create a subscription; parameters and errors are the same as for the function `publisher`."""
-    return _made(node, topic, 'subscription', lambda options: node.create_subscription(
-        kind, topic, callback, copy.copy(quality), event_callbacks=NO_SUBSCRIPTION_EVENTS,
+        topic.kind, topic.name, copy.copy(topic.quality), event_callbacks=NO_PUBLISHER_EVENTS,
         qos_overriding_options=options))
 
 
-def _made(node: Node, topic: str, entity: str, make: Callable[[QoSOverridingOptions], Any]) -> Any:
+def subscription(node: Node, topic: Topic, callback: Callable[..., None]) -> Subscription:
+    """Create a subscription; parameters and errors are the same as for the function `publisher`."""
+    return _made(node, topic, 'subscription', lambda options: node.create_subscription(
+        topic.kind, topic.name, callback, copy.copy(topic.quality), event_callbacks=NO_SUBSCRIPTION_EVENTS,
+        qos_overriding_options=options))
+
+
+def _made(node: Node, topic: Topic, entity: str, make: Callable[[QoSOverridingOptions], Any]) -> Any:
     """Create a publisher or subscription with QoS overrides; raise a ParameterError that names invalid overrides."""
-    name = f'qos_overrides.{node.resolve_topic_name(topic)}.{entity}'
+    name = f'qos_overrides.{node.resolve_topic_name(topic.name)}.{entity}'
     given = {key: p.value for key, p in node.get_parameters_by_prefix(name).items()}
     try:
         with warnings.catch_warnings():

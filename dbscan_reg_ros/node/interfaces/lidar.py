@@ -17,8 +17,9 @@ from ...robot.scan_buffer import RecentStamps, ScanBuffer
 from ...robot.sensors import name_in_frame
 from ..counters import Counters
 from ..throttled_log import ThrottledLog
-from .scan_input import TYPES, ScanInbox, ScanTopic, StampFilter
+from .scan_input import ScanInbox, ScanTopic, StampFilter
 from .scan_reader import MountingSource, ScanMessage, ScanReader
+from .topics import TYPES
 
 
 class Callbacks(NamedTuple):

@@ -10,9 +10,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from numpy.typing import NDArray
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2, PointField
-from visualization_msgs.msg import MarkerArray
 
 from ...core.features.records import Features
 from ...core.geometry.se2 import SE2
@@ -24,14 +22,12 @@ from ...robot.base_state import BaseState
 from ...robot.parameters import NodeParameters
 from .endpoints import publisher
 from .messages import PreparedMessage, pose_to_message, segments_to_message, stamp_to_message
+from .topics import LOCAL_GRID, LOCAL_MAP, ODOM, PATH, SEGMENTS
 
-ODOM_DEPTH = 50
 ODOM_NUMBERS = 85
 """Of a pose, a twist and their covariances."""
-PICTURE_DEPTH = 5
 PICTURE_PERIOD = 0.5
 """Interval [s] at which path and local_map are published."""
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 REACH = 20.0
 """Length [m] at which rays of local_grid end, which bounds its size."""
 
@@ -55,10 +51,8 @@ class Outputs:
     def __init__(self, node: Node, parameters: NodeParameters) -> None:
         self.parameters, self.lidars = parameters, len(parameters.scan_topics)
         self.odom, self._segments, self._path, self._map = (
-            publisher(node, kind, topic, depth)
-            for kind, topic, depth in ((Odometry, 'odom', ODOM_DEPTH), (MarkerArray, 'segments', PICTURE_DEPTH),
-                                       (Path, 'path', PICTURE_DEPTH), (PointCloud2, 'local_map', PICTURE_DEPTH)))
-        self._grid = publisher(node, OccupancyGrid, 'local_grid', LATCHED) if parameters.publish_grid else None
+            publisher(node, topic) for topic in (ODOM, SEGMENTS, PATH, LOCAL_MAP))
+        self._grid = publisher(node, LOCAL_GRID) if parameters.publish_grid else None
         odometry = Odometry(child_frame_id=parameters.base_frame)
         odometry.header.frame_id = parameters.odom_frame
         self._odometry = PreparedMessage(odometry, ODOM_NUMBERS)

@@ -7,12 +7,10 @@ from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import LaserScan, PointCloud2
 
 from ...core.scan import SECOND, in_nanoseconds
 from ...robot.mask import corrected_stamp
-from ...robot.parameter_groups import LASER_SCAN, POINT_CLOUD, InputParameters
+from ...robot.parameter_groups import InputParameters
 from ...robot.revolution import Revolution
 from ...robot.scan_buffer import ScanBuffer
 from ...robot.sensors import name_in_frame
@@ -21,14 +19,7 @@ from .endpoints import subscription
 from .graph_checks import Competition, incompatibilities
 from .messages import stamp_to_message
 from .scan_reader import ScanMessage
-
-MOST = 100
-"""Largest number of scans that wait to be processed."""
-QUALITY = QoSProfile(depth=MOST, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Quality of service of the subscription; its depth suffices to count the scans that arrive while one is processed."""
-
-TYPES = {LASER_SCAN: LaserScan, POINT_CLOUD: PointCloud2}
-"""Values of ``input.type`` -> type of the messages."""
+from .topics import MOST_SCANS, scans
 
 
 class ScanTopic:
@@ -41,7 +32,7 @@ class ScanTopic:
     def __init__(self, node: Node, kind: str, name: str, inbox_of: Callable[[str], 'ScanInbox'],
                  buffer: ScanBuffer[tuple[ScanMessage, float]]) -> None:
         self._node, self._inbox_of, self.buffer = node, inbox_of, buffer
-        self._subscription = subscription(node, TYPES[kind], name, self._on_message, QUALITY)
+        self._subscription = subscription(node, scans(name, kind), self._on_message)
 
     @property
     def name(self) -> str:
@@ -206,7 +197,7 @@ class ScanInbox:
         They may take ``input.queue_size`` periods longer.
         """
         allowed = self._done - self._began + self.parameters.queue_size * (self._pending.stamps.period or 0)
-        return len(self._pending) > MOST or (now - since) * SECOND > allowed
+        return len(self._pending) > MOST_SCANS or (now - since) * SECOND > allowed
 
     def _correct_stamp(self, message: ScanMessage) -> None:
         """Add ``input.time_offset`` to the stamp of a message, unless the message has none."""

@@ -18,6 +18,7 @@ from ...robot.parameters import NodeParameters
 from ..throttled_log import ThrottledLog
 from .endpoints import subscription
 from .messages import PoseError, initial_pose
+from .topics import SET_POSE
 
 
 class Services:
@@ -38,7 +39,7 @@ class Services:
         node.create_service(Trigger, '~/reset', self._on_reset)
         node.create_service(SetBool, '~/pause', self._on_pause)
         node.create_service(Trigger, '~/snapshot', self._on_snapshot)
-        subscription(node, PoseWithCovarianceStamped, 'set_pose', self._on_pose, 10)
+        subscription(node, SET_POSE, self._on_pose)
 
     def keep(self, update: OdometryUpdate, prior: Prior | None) -> None:
         """Store the `OdometryUpdate` of a scan and its external prior for a later snapshot."""

@@ -12,7 +12,6 @@ from rclpy.node import Node
 from rclpy.task import Future as Answer
 from std_msgs.msg import String
 from std_srvs.srv import Empty, Trigger
-from visualization_msgs.msg import MarkerArray
 
 from ...core.errors import ParameterError
 from ...core.geometry.se2 import SE2, turned
@@ -29,9 +28,9 @@ from ...robot.base_state import BaseState
 from ...robot.parameters import NodeParameters
 from ..frames.transform_sender import WAIT, TransformSender, prepared_transform
 from ..frames.transforms import TransformListener
+from ..interfaces import topics
 from ..interfaces.endpoints import publisher, subscription
 from ..interfaces.messages import PoseError, initial_pose
-from ..interfaces.outputs import LATCHED
 from ..throttled_log import ThrottledLog
 from .messages import graph_to_message, grid_from_message, grid_to_message, pose_with_covariance
 from .tracking import WAITING as SCANS_LEFT_OUT
@@ -80,10 +79,10 @@ class RobotInMap:
         self._message = prepared_transform(parameters.map.frame, parameters.odom_frame)
         self._sent: deque[int] = deque(maxlen=SENT)
         self._other, self._other_heard = '', -WAIT
-        self._pose = publisher(node, PoseWithCovarianceStamped, 'pose', 10)
-        self._state = publisher(node, String, 'map_state', LATCHED)
-        self._map = publisher(node, OccupancyGrid, 'map', LATCHED) if self._builds or known else None
-        self._graph = publisher(node, MarkerArray, 'map_graph', LATCHED) if self._builds else None
+        self._pose = publisher(node, topics.POSE)
+        self._state = publisher(node, topics.MAP_STATE)
+        self._map = publisher(node, topics.MAP) if self._builds or known else None
+        self._graph = publisher(node, topics.MAP_GRAPH) if self._builds else None
         self._subscribe_and_serve(known is None)
         self._received: OccupancyGrid | None = None
         self._reading: Future[Grid] | None = None
@@ -118,10 +117,10 @@ class RobotInMap:
         if self._builds:
             self._node.create_service(Trigger, '~/save_map', self._on_save)
             return
-        subscription(self._node, PoseWithCovarianceStamped, 'initialpose', self._on_initial_pose, 10)
+        subscription(self._node, topics.INITIAL_POSE, self._on_initial_pose)
         self._node.create_service(Empty, 'reinitialize_global_localization', self._on_search)
         if without_map:
-            subscription(self._node, OccupancyGrid, 'map', self._on_map, LATCHED)
+            subscription(self._node, topics.MAP, self._on_map)
 
     def close(self) -> None:
         """End the thread once a map that is being written is complete."""

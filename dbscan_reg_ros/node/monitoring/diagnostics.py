@@ -18,6 +18,7 @@ from ..interfaces.endpoints import publisher
 from ..interfaces.graph_checks import UNNAMED, incompatibilities, named, shared
 from ..interfaces.lidar import Lidar
 from ..interfaces.scan_input import ScanInbox
+from ..interfaces.topics import DIAGNOSTICS
 from ..priors import Priors
 from ..throttled_log import ThrottledLog
 from .disagreements import Disagreements, OwnBodies
@@ -50,7 +51,7 @@ class Diagnostics:
         self._sender = sender
         self._odom = odom
         self._is_paused, self._in_map = is_paused, in_map
-        self._publisher = publisher(node, DiagnosticArray, '/diagnostics', 10)
+        self._publisher = publisher(node, DIAGNOSTICS)
         self._seen: set[str] = set()
         self._logged: set[str] = set()
         self._disagreements, self._bodies = Disagreements(), OwnBodies()

@@ -26,6 +26,7 @@ from ...recordings.bags.bag import LASER_SCAN
 from ...recordings.message_fields import filled, message_class
 from ...recordings.playback import Channel, Played, Timeline
 from ..interfaces.messages import scan_to_message, stamp_to_message
+from ..interfaces.topics import ODOM
 from ..own_node import POLL, OwnNode
 
 
@@ -103,7 +104,7 @@ class Player(OwnNode):
     def __init__(self, arguments: Sequence[str] = (), clock: bool = False, topic: str = 'scan') -> None:
         super().__init__('play', arguments)
         self._scans = self._node.create_publisher(LaserScan, topic, DEPTH)
-        self._odom = self._node.create_subscription(Odometry, 'odom', self._on_odometry, DEPTH)
+        self._odom = self._node.create_subscription(ODOM.kind, ODOM.name, self._on_odometry, DEPTH)
         self._channels: dict[Channel, tuple[type, Publisher]] = {}
         self._clock: Publisher | None = None
         self._now = 0

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 
@@ -25,18 +24,17 @@ from ...robot.parameter_groups import LASER_SCAN, InputParameters
 from ...robot.parameters import NodeParameters
 from ...robot.sensors import sensor_descriptions
 from ..frames.mountings import Mountings, Transforms
-from ..frames.transform_sender import transform_type
 from ..frames.transform_store import TransformStore
 from ..interfaces.graph_checks import UNNAMED, full_name, publishers
 from ..interfaces.messages import PoseError, planar_from_message, stamp_to_message
-from ..interfaces.scan_input import TYPES
 from ..interfaces.scan_reader import ScanMessage, ScanReader
+from ..interfaces.topics import DIAGNOSTICS, ODOM, TF_STATIC, TYPES, best_effort
 from ..own_node import OwnNode
 from ..rclpy_internals import NO_SUBSCRIPTION_EVENTS
 from ..throttled_log import ThrottledLog
 
-DEPTH = 20
-QUALITY = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+QUALITY = best_effort(20)
+"""Scans and odometry may be lost: a page shows the latest."""
 WAITING = 50
 """Largest number of scans that wait for the parameters of the node, of scans that wait for the odometry with the same
 stamp, and of odometry messages that wait for the scan."""
@@ -92,7 +90,7 @@ class Listener(OwnNode):
     @property
     def topics(self) -> list[str]:
         """Full names of the topics that the listener subscribes to."""
-        return [self._node.resolve_topic_name(name) for name in ('scan', 'odom', '/diagnostics')]
+        return [self._node.resolve_topic_name(name) for name in ('scan', ODOM.name, DIAGNOSTICS.name)]
 
     def spin(self, timeout: float) -> None:
         """Handle the messages that arrive within `timeout` [s]."""
@@ -103,12 +101,11 @@ class Listener(OwnNode):
         if self._subscriptions:
             return
         self._begin()
-        reports = QoSProfile(depth=DEPTH)
-        latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        wanted = [(Odometry, 'odom', self._take_odometry, QUALITY),
-                  (DiagnosticArray, '/diagnostics', self._take_reports, reports)]
-        if (kind := transform_type()) is not None:
-            wanted += [(kind, '/tf_static', lambda message: self._take_transforms(message, True), latched)]
+        wanted = [(ODOM.kind, ODOM.name, self._take_odometry, QUALITY),
+                  (DIAGNOSTICS.kind, DIAGNOSTICS.name, self._take_reports, DIAGNOSTICS.quality)]
+        if TF_STATIC.kind is not None:
+            wanted += [(TF_STATIC.kind, TF_STATIC.name, lambda message: self._take_transforms(message, True),
+                        TF_STATIC.quality)]
         self._subscriptions = [self._node.create_subscription(*each, event_callbacks=NO_SUBSCRIPTION_EVENTS)
                                for each in wanted]
         self._subscribe_to_lidar(self._node.resolve_topic_name('scan'), LASER_SCAN)
@@ -123,7 +120,7 @@ class Listener(OwnNode):
         """If another node publishes the odometry now, clear the old data and request the mounting of its lidar."""
         if not self._subscriptions:
             return
-        found = publishers(self._node, self._node.resolve_topic_name('odom'))
+        found = publishers(self._node, self._node.resolve_topic_name(ODOM.name))
         if self._source in found:
             self._subscribe_to_scans()
             self._read_scans()

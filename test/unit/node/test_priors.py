@@ -25,9 +25,9 @@ def source(monkeypatch):
     def source(wheels, rate, orientation=None, measured=True, publishers=1):
         told, said = {}, []
 
-        def subscription(_node, _kind, topic, callback, _quality):
-            told[topic] = callback
-            return SimpleNamespace(topic_name=f'/{topic}')
+        def subscription(_node, topic, callback):
+            told[topic.name] = callback
+            return SimpleNamespace(topic_name=f'/{topic.name}')
 
         monkeypatch.setattr(priors, 'subscription', subscription)
         node = SimpleNamespace(count_publishers=lambda _: publishers)

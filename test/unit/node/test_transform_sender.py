@@ -12,6 +12,7 @@ from ros_helpers import needs_tf2_msgs, transform
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.node.frames import transform_sender
 from dbscan_reg_ros.node.frames.transform_sender import WAIT, TransformSender
+from dbscan_reg_ros.node.interfaces.topics import TF
 from dbscan_reg_ros.robot.parameters import NodeParameters
 
 pytestmark = needs_tf2_msgs
@@ -28,7 +29,7 @@ class Graph:
         monkeypatch.setattr(transform_sender, 'is_scan_matcher', lambda node, each: each.node_name.startswith('scan'))
         monkeypatch.setattr(transform_sender, 'publisher', self._publisher)
 
-    def _publisher(self, node, kind, topic, depth):
+    def _publisher(self, node, topic):
         self.endpoints[node.gid] = SimpleNamespace(node_name=node.name, node_namespace='/')
         return node
 
@@ -75,7 +76,7 @@ def test_stamps_that_are_not_newer_are_not_sent_and_one_of_the_far_future_ends_n
 def test_the_inverse_is_sent_where_asked_for(graph):
     sender, node = graph.start(invert_tf=True, odom_frame='laser_odom')
     assert sends(sender, node)
-    [sent] = deserialize_message(node.sent[0], transform_sender.transform_type()).transforms
+    [sent] = deserialize_message(node.sent[0], TF.kind).transforms
     assert (sent.header.frame_id, sent.child_frame_id) == ('base_link', 'laser_odom')
     t, q = sent.transform.translation, sent.transform.rotation
     off = SE2(t.x, t.y, 2.0 * math.atan2(q.z, q.w)) @ SE2(1.0, 2.0, 0.3)
