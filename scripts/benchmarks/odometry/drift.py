@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Odometry of recordings and simulated worlds, with the measures of the public benchmarks.
-
-The bounds are what the odometry reached when they were set, with room for chance: a change that loses accuracy, calls
-noise OK or takes longer misses one of them.
-"""
+"""Odometry of recordings and simulated worlds, with the measures of the public benchmarks."""
 import inspect
 import time
 from contextlib import suppress
@@ -23,39 +19,17 @@ from dbscan_reg_ros.recordings import data_folder, write_csv
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.robot.scan_buffer import RecordedScans
 
-from ..report import Report, at_least, at_most
+from ..report import Report, at_most
+from .bounds import DRIFT, HARDER, INTEL
 from .course import Course, noised, scatter
 from .courses import COURSES
 
 METHODS = ('dbscan', 'small_gicp', 'kiss-icp', 'identity')
 OURS = 'dbscan'
 LASER_ONLY = 'dbscan, laser only'
-HARDER = ('dropped', 'noise', 'person')
-"""Courses that only ours has to drive unless methods are named."""
-HARDER_FACTOR = 1.25
 PART = 500
 """Scans whose median time is compared."""
 NAMED_WITHIN = np.radians(10.0)
-
-INTEL = {
-    'relations_neighbour_mean_m': 0.016, 'relations_neighbour_mean_deg': 0.20,
-    'relations_all_mean_m': 0.070, 'relations_all_mean_deg': 0.35,
-    'rpe_1m_mean_m': 0.015, 'rpe_1m_median_m': 0.008, 'rpe_5m_mean_m': 0.030, 'rpe_5m_median_m': 0.025,
-    'frozen': 0.003, 'ate_m': 0.10, 'ms_p50': 4.0, 'ms_p99': 12.0, 'ms_growth': 1.1,
-}
-SIMULATED = {'rpe_5m_mean_m': 0.05, 'rpe_5m_mean_deg': 0.5}
-WITHIN = at_least(0.9)
-BOUNDS = {
-    'intel': {name: at_most(limit) for name, limit in INTEL.items()},
-    **{course: {name: at_most(HARDER_FACTOR * limit) for name, limit in INTEL.items()} for course in HARDER},
-    **{course: {name: at_most(limit) for name, limit in SIMULATED.items()} | {'within': WITHIN}
-       for course in ('rooms', 'corridors', 'halls', 'scanners')},
-    'lms511': {'drift_m': at_most(0.001), 'drift_deg': at_most(0.02)},
-    'chairs': {'rpe_5m_mean_m': at_most(0.05), 'within': WITHIN},
-    'featureless': {'named': at_least(0.95), 'across_m': at_most(0.02), 'within': WITHIN},
-}
-BOUNDS['noise']['disturbed_ok'] = at_most(0.0)
-BOUNDS['ahead'] = {'driven_off_m': at_most(0.3)}
 
 SHOWN = (
     'relations_neighbour_mean_m', 'relations_neighbour_mean_deg', 'relations_all_mean_m', 'relations_all_std_m',
@@ -200,7 +174,7 @@ def measure(args) -> Report:
             rows[method] = mean_of([judge(result) for result in drives])
             if args.poses and method == OURS and name == (args.course or ['intel'])[0]:
                 drives[0].write(args.poses)
-        bounds = dict(BOUNDS.get(name, {}))
+        bounds = dict(DRIFT.get(name, {}))
         if args.prior == 'wheel' and OURS in rows and name == 'intel':
             rows[LASER_ONLY] = mean_of([judge(drive(OURS, course, f'{name} {LASER_ONLY}')) for course in courses])
             bounds |= _no_worse(rows[LASER_ONLY])

@@ -16,7 +16,8 @@ from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.evaluation.metrics import errors, final_error, path_lengths
 from dbscan_reg_ros.recordings.poses import relative
 
-from ..report import Bound, Report, at_least, at_most
+from ..report import Report
+from .bounds import HONESTY
 from .courses import COURSES
 from .drift import OURS, chosen, drive
 
@@ -31,10 +32,6 @@ END = 0.3, 5.0
 """A drive is right at its end within this [m], [deg]."""
 LEAST = 1e-12
 """Smallest variance, and smallest ratio of two."""
-WITHIN = at_least(0.97)
-BOUNDS: dict[str, Bound] = {
-    'silent_count': at_most(0), 'wrong_count': at_most(0), 'fast_count': at_most(0), 'steps_within': WITHIN,
-    '1s_within': WITHIN, '5s_within': WITHIN}
 
 
 def measure(args) -> Report:
@@ -46,7 +43,7 @@ def measure(args) -> Report:
             row = figures(drive(OURS, course, f'{name} {course.group}', args.prior))
             groups.setdefault('_'.join(filter(None, (name, course.group))), []).append(row)
         rows = {group: total(each) for group, each in groups.items()}
-        report.add_courses(f'{name}, prior {args.prior}', rows, OURS, dict.fromkeys(rows, BOUNDS))
+        report.add_courses(f'{name}, prior {args.prior}', rows, OURS, dict.fromkeys(rows, HONESTY))
     return report
 
 
