@@ -28,7 +28,7 @@ else:
 
 # Colcon runs this file to learn the name of the package, and ignores the package when anything is printed meanwhile.
 CORE = Path(PACKAGE, 'core')
-SOURCES = sorted(path for suffix in ('pyx', 'pxd') for path in CORE.rglob(f'*.{suffix}'))
+SOURCES = sorted(path for suffix in ('pyx', 'pxd') for path in Path(PACKAGE).rglob(f'*.{suffix}'))
 MODULES = [path.with_suffix('') for path in SOURCES if path.suffix == '.pyx']
 SOURCE_HASH = CORE / 'sources'
 CYTHON = importlib.util.find_spec('Cython') is not None
@@ -124,7 +124,7 @@ setup(
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['py.typed', 'replays/page/*.html', 'replays/page/*.css', 'replays/page/*.js',
                             *(str(path.relative_to(PACKAGE)) for suffix in ('pyi', 'pyx', 'pxd')
-                              for path in sorted(CORE.rglob(f'*.{suffix}')))]},
+                              for path in sorted(Path(PACKAGE).rglob(f'*.{suffix}')))]},
     ext_modules=extensions(),
     cmdclass={'build_ext': BuildExtensions, 'sdist': SourceDistribution},
     data_files=[

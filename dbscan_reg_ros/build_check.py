@@ -7,7 +7,7 @@ from pathlib import Path
 
 from .core.errors import BuildError
 
-SOURCES = Path(__file__).absolute().parent / 'core'
+SOURCES = Path(__file__).absolute().parent
 
 
 def source_hash(folder: Path = SOURCES) -> str:
@@ -28,4 +28,4 @@ def check_build() -> None:
         raise BuildError(f'the compiled modules of {__package__} were built from other sources; {_REMEDY}')
 
 
-_REMEDY = f'in {SOURCES.parent.parent}: python setup.py build_ext --inplace --force'
+_REMEDY = f'in {SOURCES.parent}: python setup.py build_ext --inplace --force'

@@ -48,25 +48,14 @@ class Grid:
         return cls(grid.values, SE2(*grid.corner), resolution)
 
     @cached_property
-    def occupied(self) -> NDArray[np.bool_]:
-        """``(H, W)``: whether a cell is occupied."""
-        return self.values == OCCUPIED
-
-    @cached_property
     def distance(self) -> NDArray[np.float32]:
         """``(H, W)`` distance [m] from the centre of each cell to that of the nearest occupied cell."""
         from scipy.ndimage import distance_transform_edt
-        return (self.resolution * distance_transform_edt(~self.occupied)).astype(np.float32)
+        return (self.resolution * distance_transform_edt(self.values != OCCUPIED)).astype(np.float32)
 
     def cells(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the number (N,) of the cell of each of the `points` (N, 2) [m] in the map, counted row by row."""
-        return self.cells_and_offsets(points)[0]
-
-    def cells_and_offsets(self, points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return what `cells` does, and where (N, 2) [m] in the cell each point is, from its centre, in the grid."""
-        local = self.origin.inverse().apply(points)
-        off = local - (np.floor(local / self.resolution) + 0.5) * self.resolution
-        return self._cells(local[:, 0], local[:, 1]), off
+        return self._cells(*self.origin.inverse().apply(points).T)
 
     def _cells(self, x, y):
         height, width = self.values.shape

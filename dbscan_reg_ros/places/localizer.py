@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import expect
+from ..core.features.records import Features
 from ..core.geometry.se2 import DOF, SE2, lever_arm, turn_matrix, turned, wrap
 from ..core.odometry.records import OdometryUpdate
 from ..core.parameters.tree import Parameters, expect_parameters
@@ -169,27 +170,27 @@ class Localizer:
         if update.status is not Status.FAILED and not update.waits and self._moved(pose):
             if self._stops and (np.diag(self._motion_covariance(update)) > UNCERTAIN).any():
                 self._forget()
-            place = update.scan_pose
-            self._stops.append(Stop.of(place.as_array(), place.apply(update.features.points)))
+            self._stops.append(Stop.of(update.scan_pose, update.features))
             self._used, self._odometry_covariance = pose, update.covariance
             if self._state is State.LOCALISED:
                 self._track()
             else:
-                self._search(update.features.points)
+                self._search(update.features)
         return self._report(update)
 
-    def candidates(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the poses (C, 3) in the map where a scan with these `points` (N, 2) fits best.
+    def candidates(self, features: Features) -> NDArray[np.float64]:
+        """Return the poses (C, 3) in the map where a scan with these `features` fits best.
 
         They are chosen among those at which it looks most like the views.
         """
+        points = features.points
         similarity = self._signatures.compare(np.hypot(*points.T), np.arctan2(points[:, 1], points[:, 0])).ravel()
         alike = np.argpartition(-similarity, min(ALIKE, len(similarity) - 1))[:ALIKE]
         view, heading = np.divmod(alike, BEARINGS)
         poses = self._views[view] + np.column_stack((np.zeros((len(alike), 2)), heading * (2.0 * np.pi / BEARINGS)))
         poses = poses[_distinct(poses, -similarity[alike], APART, APART_TURN, SKETCHED)]
         poses = self._matcher.align(poses, points, RETURNS, FROM_AFAR).poses
-        odds = log_odds_alone(self._matcher.count(poses, Drive.of([Stop.of(np.zeros(DOF), points)])))
+        odds = log_odds_alone(self._matcher.count(poses, Drive.of([Stop.of(SE2(), features)])))
         return poses[_distinct(poses, -odds, SAME, SAME_TURN, CANDIDATES)]
 
     def _forget(self) -> None:
@@ -208,13 +209,13 @@ class Localizer:
         x, y, theta = relative(self._used[None], pose[None])[0]
         return math.hypot(x, y) > STEP or abs(theta) > TURN
 
-    def _search(self, points: NDArray[np.float64]) -> None:
-        """Place the last scans at all hypotheses and at those of the latest scan, with returns at `points`."""
+    def _search(self, features: Features) -> None:
+        """Place the last scans at all hypotheses and at those of the latest scan, which has these `features`."""
         self._stops = self._stops[-SEARCHED:]
         self._searched += 1
         drive, latest = Drive.of(self._stops), self._stops[-1].pose
         back = relative(latest[None], np.zeros((1, DOF)))
-        candidates = self.candidates(points)
+        candidates = self.candidates(features)
         starts = np.vstack((self._hypotheses, compose(candidates, np.repeat(back, len(candidates), axis=0))))
         aligned = self._matcher.align(starts, drive.hits)
         counts = self._matcher.count(aligned.poses, drive)
@@ -298,8 +299,7 @@ class Localizer:
         transform, pose = SE2.from_array(self._transform), update.pose.as_array()
         spread = (_carried(self._covariance, self._transform, pose[:2] - self._middle) + OF_MAP + np.diag(UNCERTAIN)
                   + turned(self._motion_covariance(update), self._transform[2]))
-        place = update.scan_pose
-        drive = Drive.of([Stop.of(place.as_array(), place.apply(update.features.points))])
+        drive = Drive.of([Stop.of(update.scan_pose, update.features)])
         fit = self._fit(_drawn(transform @ update.pose, spread, update.pose.inverse()), drive, pose, spread)
         if not fit.is_sure:
             return transform, spread

@@ -5,10 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.geometry.se2 import wrap
-from ..robot.occupancy import FREE, OCCUPIED
+from ..core.features.records import Features
+from ..core.geometry.se2 import SE2, turn_matrix, wrap
+from ..recordings.poses import compose, relative
 from .evidence import INDEPENDENT
 from .grid import Grid
+from .surface_lookup import SurfaceLookup
 
 CELL = 0.1
 """Returns of a drive that lie in one square of this side [m] count once."""
@@ -44,7 +46,8 @@ class Stop(NamedTuple):
     pose : (3,) float [m, m, rad]
         Of the sensor.
     hits, fronts : (N, 2) float [m]
-        Returns, one for each square of `CELL`, and the points `FRONT` before them on their rays.
+        Returns, one for each square of `CELL`, and the points `FRONT` before them along their normals, or their rays
+        where there are none.
     passed : (M, 2) float [m]
         Points on rays, one for each square of `FREE_CELL` that rays pass.
     """
@@ -55,16 +58,20 @@ class Stop(NamedTuple):
     passed: NDArray[np.float64]
 
     @classmethod
-    def of(cls, pose: NDArray[np.float64], points: NDArray[np.float64]) -> 'Stop':
-        """Return what a scan saw whose returns are `points` (N, 2) in the frame of the odometry."""
+    def of(cls, pose: SE2, features: Features) -> 'Stop':
+        """Return what a scan with these `features` saw, if its sensor has this pose in the frame of the odometry."""
+        points, sensor = pose.apply(features.points), pose.as_array()
         along = np.arange(0.5 * FREE_CELL, REACH, FREE_CELL)
-        offset = points - pose[:2]
+        offset = points - sensor[:2]
         length = np.maximum(np.hypot(*offset.T), FREE_CELL)
         ray, step = np.nonzero(along < length[:, None] - CLEAR)
-        passed = pose[:2] + (along[step] / length[ray])[:, None] * offset[ray]
+        passed = sensor[:2] + (along[step] / length[ray])[:, None] * offset[ray]
         kept = _first_in_square(points)
-        fronts = points - np.minimum(FRONT / length, 1.0)[:, None] * offset
-        return cls(pose, points[kept], fronts[kept], passed[_first_in_square(passed, FREE_CELL)])
+        # A ray along a wall stays in the unknown behind it: where there is a normal, it leads away from the wall.
+        before = np.where(features.normals.any(axis=1, keepdims=True), FRONT * features.normals @ pose.rotation().T,
+                          -np.minimum(FRONT / length, 1.0)[:, None] * offset)
+        fronts = points + before
+        return cls(sensor, points[kept], fronts[kept], passed[_first_in_square(passed, FREE_CELL)])
 
 
 class Drive(NamedTuple):
@@ -73,7 +80,8 @@ class Drive(NamedTuple):
     Attributes
     ----------
     hits, fronts : (N, 2) float [m]
-        Returns, one for each square of `CELL`, and the points `FRONT` before them on their rays.
+        Returns, one for each square of `CELL`, and the points `FRONT` before them along their normals, or their rays
+        where there are none.
     free : (M, 2) float [m]
         Points on rays, one for each free square of `FREE_CELL`.
     """
@@ -107,13 +115,6 @@ def _squares(points, side):
     return np.floor(points / side).astype(np.int64) @ np.array([_OFFSET, 1])
 
 
-def placed(poses, points):
-    """Return `points` (N, 2) of the odometry frame in the map (H, N, 2), if that frame has the `poses` (H, 3)."""
-    c, s = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
-    x, y = points.T
-    return np.stack((poses[:, 0, None] + c * x - s * y, poses[:, 1, None] + s * x + c * y), axis=2)
-
-
 class Aligned(NamedTuple):
     """Returns aligned with a map.
 
@@ -141,10 +142,9 @@ class Matcher:
     """Aligns a drive with a grid, and counts what agrees."""
 
     def __init__(self, grid: Grid) -> None:
-        self.grid = grid
-        distance = grid.distance.astype(float)
-        slope = np.gradient(distance, grid.resolution)
-        self._slope = np.stack((slope[1].ravel(), slope[0].ravel()), axis=1)
+        self._origin, self._reach = grid.origin.as_array(), max(ON_SURFACE, 1.5 * grid.resolution)
+        self._least = (0.3 * grid.resolution) ** 2
+        self._lookup = SurfaceLookup(grid.values, grid.distance, grid.resolution)
 
     def align(self, poses: NDArray[np.float64], returns: NDArray[np.float64], most: int = MOST,
               scales: NDArray[np.float64] = FROM_NEAR) -> Aligned:
@@ -152,29 +152,17 @@ class Matcher:
 
         Of the returns about `most`, evenly drawn, are used.
         """
-        poses = poses.copy()
         every = max(len(returns) // most, 1)
         points = returns[::every]
         # About the middle of the returns: there, rotation and translation are independent.
         middle = points.mean(axis=0)
-        arm = points - middle
-        poses[:, :2] = placed(poses, middle[None])[:, 0]
-        turn = self.grid.origin.rotation()
-        for scale in scales:
-            at = placed(poses, arm)
-            off, slope = self._nearest(at)
-            slope = slope @ turn.T
-            weight = 1.0 / (1.0 + (off / scale) ** 2) ** 2
-            lever = at - poses[:, None, :2]
-            rotated = slope[..., 1] * lever[..., 0] - slope[..., 0] * lever[..., 1]
-            jacobian = np.concatenate((slope, rotated[..., None]), axis=2)
-            weighted = weight[..., None] * jacobian
-            normal = np.einsum('hni,hnj->hij', weighted, jacobian) + np.eye(3)
-            poses -= np.linalg.solve(normal, np.einsum('hni,hn->hi', weighted, off)[..., None])[..., 0]
-        poses[:, :2] = placed(poses, -middle[None])[:, 0]
-        poses[:, 2] = wrap(poses[:, 2])
-        variance = np.maximum((weight * off**2).sum(axis=1) / weight.sum(axis=1), (0.3 * self.grid.resolution) ** 2)
-        return Aligned(poses, middle, every * (normal - np.eye(3)) / variance[:, None, None])
+        moved = self._in_grid(_at(poses, middle))
+        normal, variance = self._lookup.align(moved, points - middle, scales)
+        moved = _at(compose(np.repeat(self._origin[None], len(moved), axis=0), moved), -middle)
+        moved[:, 2] = wrap(moved[:, 2])
+        turn = turn_matrix(self._origin[2])
+        return Aligned(moved, middle,
+                       turn @ (every / np.maximum(variance, self._least)[:, None, None] * normal) @ turn.T)
 
     def count(self, poses: NDArray[np.float64], drive: Drive) -> NDArray[np.float64]:
         """Count what agrees at each pose (H, 3) of the odometry frame in the map.
@@ -185,20 +173,13 @@ class Matcher:
             Returns on a surface that is seen from its free side, in free space, and the others, whose surroundings the
             map does not know; free squares that are free, blocked by a surface that should have been seen, and unknown.
         """
-        values = self.grid.values.ravel()
-        hit, front, square = (self.grid.cells(placed(poses, points).reshape(-1, 2)).reshape(len(poses), -1)
-                              for points in (drive.hits, drive.fronts, drive.free))
-        reach = max(ON_SURFACE, 1.5 * self.grid.resolution)
-        # From one to the other in steps of a cell, so that a pose between two cells does not count more than another.
-        near = np.clip((reach - self._nearest(placed(poses, drive.hits))[0]) / self.grid.resolution + 0.5, 0.0, 1.0)
-        on, off = near * (values[front] == FREE), (1.0 - near) * (values[hit] == FREE)
-        free, blocked = values[square] == FREE, values[square] == OCCUPIED
-        counted = (on, off, 1.0 - on - off, free, blocked, ~free & ~blocked)
-        return np.column_stack([each.sum(axis=1) for each in counted]).astype(float)
+        return self._lookup.count(self._in_grid(poses), drive.hits, drive.fronts, drive.free, self._reach)
 
-    def _nearest(self, points):
-        """Return the distance (H, N) of points (H, N, 2) from the nearest surface, and its gradient in the grid."""
-        cell, off = self.grid.cells_and_offsets(points.reshape(-1, 2))
-        slope = self._slope[cell]
-        distance = np.abs(self.grid.distance.ravel()[cell] + (slope * off).sum(axis=1))
-        return distance.reshape(points.shape[:2]), slope.reshape(points.shape)
+    def _in_grid(self, poses):
+        """Return `poses` (H, 3) in the map in the frame of the grid."""
+        return relative(np.repeat(self._origin[None], len(poses), axis=0), poses)
+
+
+def _at(poses, point):
+    """Return the poses (H, 3) of a frame with its origin moved to a `point` (2,)."""
+    return compose(poses, np.repeat(np.append(point, 0.0)[None], len(poses), axis=0))

@@ -142,7 +142,7 @@ def followed(localizer, scans, truth, metres) -> Outcome:
             poses.pop()
             break
         if truth is not None and not states:
-            near = localizer.candidates(update.features.points)
+            near = localizer.candidates(update.features)
             off = relative(np.repeat(truth[number:number + 1], len(near), axis=0), near)
             among_ten = bool(((np.hypot(*off[:, :2].T) < NEAR[0]) & (np.abs(off[:, 2]) < NEAR[1])).any())
         begin = process_time()

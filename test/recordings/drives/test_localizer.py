@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from dbscan_reg_ros import SE2, Odometry, Parameters
+from dbscan_reg_ros import SE2, Odometry, Parameters, Scan, ScanGeometry
+from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import lever_arm, wrap
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.places.evidence import log_odds_alone
@@ -78,11 +79,27 @@ def test_the_view_at_any_heading_is_among_the_most_similar(room):
         assert (near & (np.abs(wrap(heading * 2.0 * np.pi / BEARINGS - turn)) < 0.15)).any()
 
 
+def seen(grid, pose, bearings):
+    """The features of a scan from a pose in a grid."""
+    geometry = ScanGeometry(float(bearings[0]), float(bearings[1] - bearings[0]), len(bearings), 0.0, 30.0)
+    return extract_features(Scan(0, grid.cast(pose[None], bearings)[0], geometry))
+
+
+def test_a_wall_that_is_known_from_both_sides_is_seen_at_any_slant():
+    """The cells inside the wall are unknown, as no scan sees them."""
+    values = np.full((60, 200), FREE, dtype=np.int8)
+    values[[0, 1, -2, -1]], values[:, [0, -1]] = OCCUPIED, OCCUPIED
+    values[28:33], values[29:32] = OCCUPIED, UNKNOWN
+    corridor = Grid(values, SE2(), RESOLUTION)
+    pose = np.array((2.0, 0.7, 0.0))
+    drive = Drive.of([Stop.of(SE2(), seen(corridor, pose, np.linspace(-0.5 * np.pi, 0.5 * np.pi, 361)))])
+    assert Matcher(corridor).count(pose[None], drive)[0, 0] >= 0.98 * len(drive.hits)
+
+
 def test_a_drive_is_moved_to_where_it_was_seen(room):
     pose = (room.origin @ SE2(3.0, 2.0, 0.3)).as_array()
     bearings = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 181)
-    ranges = room.cast(pose[None], bearings)[0]
-    drive = Drive.of([Stop.of(np.zeros(3), ranges[:, None] * np.column_stack((np.cos(bearings), np.sin(bearings))))])
+    drive = Drive.of([Stop.of(SE2(), seen(room, pose, bearings))])
     matcher = Matcher(room)
     aligned = matcher.align(pose[None] + ((0.2, -0.15, 0.04), (0.0, 0.0, 0.0)), drive.hits, scales=FROM_AFAR)
     assert aligned.poses == pytest.approx(np.repeat(pose[None], 2, axis=0), abs=0.04)
