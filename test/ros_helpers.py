@@ -210,16 +210,6 @@ def transform(parent, child, pose=SE2(), qy=None, stamp=0):
     return message
 
 
-def shown(player, peer, scans, kind, topic):
-    """What is last published on `topic` when a running node has answered `scans`."""
-    player.wait_for_node(TIMEOUT)
-    messages = peer.subscribe(kind, topic)
-    with peer.spinning():
-        assert player.play(scans).lost == 0
-    last = stamp_to_message(scans[-1].stamp)
-    return peer.until(lambda: messages and messages[-1].header.stamp == last and messages[-1])
-
-
 def mounted(laser):
     """Parameters of a node whose laser sits at `laser` on the base."""
     return ['-p', 'mounting:=laser_pose', '-p', f'laser_pose:=[{laser.x}, {laser.y}, {laser.theta}]']

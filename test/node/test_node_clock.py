@@ -77,19 +77,15 @@ def test_a_clock_that_goes_far_back_resets_the_odometry(start_node, player, peer
     assert pose_of(player.play(scans[20:21]).messages[0]) == SE2()
 
 
-@pytest.mark.parametrize('back', [1000])
-def test_a_single_scan_far_back_in_time_is_skipped_with_the_reason(node, player, peer, scans, truth, back):
-    wrong = restamped(scans[30:31], [scans[30].stamp - back * SECOND])
+def test_a_single_scan_with_a_wrong_stamp_does_not_restart_the_odometry(node, player, peer, scans, truth):
+    """One far back is skipped with the reason; one far ahead is used."""
+    wrong = restamped(scans[30:31], [scans[30].stamp - 1000 * SECOND])
     answers = played(player, [*scans[:30], *wrong, *scans[31:40]])
     assert [k for k, message in enumerate(answers.messages) if message is None] == [30]
     assert distances(answers.messages[31:], truth[31:40]).max() < 0.05
     said(node, 'scan skipped: its stamp lies far before those of the scans around it', peer)
-    assert 'odometry reset' not in node.output()
-
-
-def test_a_single_scan_with_a_wrong_stamp_does_not_restart_the_odometry(node, player, scans, truth):
-    assert played(player, scans[:30]).lost == 0
-    assert player.play(restamped(scans[30:31], [2_100_000_000 * SECOND])).lost == 0
-    answers = player.play(scans[31:40])
+    assert player.play(restamped(scans[40:41], [2_100_000_000 * SECOND])).lost == 0
+    answers = player.play(scans[41:50])
     assert answers.lost == 0
-    assert distances(answers.messages, truth[31:40]).max() < 0.3
+    assert distances(answers.messages, truth[41:50]).max() < 0.3
+    assert 'odometry reset' not in node.output()

@@ -20,29 +20,19 @@ def quality(peer, topic, entity='publisher'):
     return found.qos_profile
 
 
-def test_a_publisher_has_the_quality_of_service_that_is_asked_for(start_node, peer):
-    topic = '/odom'
-    start_node(*overridden(f'{topic}.publisher', reliability='best_effort', durability='transient_local', depth=7))
+def test_endpoints_have_the_quality_of_service_that_is_asked_for_by_their_full_names(start_node, peer):
+    topic = '/robot1/laser_odom'
+    start_node('-r', '__ns:=/robot1', '-r', 'odom:=laser_odom', '-p', 'prior.source:=odometry+imu',
+               *overridden(f'{topic}.publisher', reliability='best_effort', durability='transient_local', depth=7),
+               *overridden('/robot1/imu.subscription', reliability='reliable'))
     found = quality(peer, topic)
     assert (found.reliability, found.durability) == (ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.TRANSIENT_LOCAL)
     names = [f'qos_overrides.{topic}.publisher.{policy}' for policy in ('depth', 'reliability', 'durability',
                                                                         'history')]
-    assert Parameters(peer).get(*names) == [7, 'best_effort', 'transient_local', 'keep_last']
-    others = {'/odom', '/path'} - {topic}
-    assert {quality(peer, other).reliability for other in others} == {ReliabilityPolicy.RELIABLE}
-
-
-def test_a_subscription_has_the_quality_of_service_that_is_asked_for(start_node, peer):
-    start_node('-p', 'prior.source:=odometry+imu', *overridden('/imu.subscription', reliability='reliable'))
-    assert quality(peer, '/wheel_odom', 'subscription').reliability == ReliabilityPolicy.BEST_EFFORT
-    assert quality(peer, '/set_pose', 'subscription').reliability == ReliabilityPolicy.RELIABLE
-    assert quality(peer, '/imu', 'subscription').reliability == ReliabilityPolicy.RELIABLE
-
-
-def test_the_name_of_the_parameter_is_that_of_the_remapped_topic_in_the_namespace(start_node, peer):
-    start_node('-r', '__ns:=/robot1', '-r', 'odom:=laser_odom',
-               *overridden('/robot1/laser_odom.publisher', reliability='best_effort'))
-    assert quality(peer, '/robot1/laser_odom').reliability == ReliabilityPolicy.BEST_EFFORT
+    assert Parameters(peer, '/robot1/scan_matcher').get(*names) == [7, 'best_effort', 'transient_local', 'keep_last']
+    assert quality(peer, '/robot1/path').reliability == ReliabilityPolicy.RELIABLE
+    for name, expected in ('wheel_odom', 'BEST_EFFORT'), ('set_pose', 'RELIABLE'), ('imu', 'RELIABLE'):
+        assert quality(peer, f'/robot1/{name}', 'subscription').reliability == ReliabilityPolicy[expected]
 
 
 def test_who_comes_late_has_the_last_odometry_when_that_is_asked_for(start_node, player, peer, scans):
