@@ -45,7 +45,7 @@ def test_the_demo_gives_the_poses_of_the_first_of_two_lidars(start_command, pair
 
 
 @needs_rosbags
-def test_the_demo_reads_the_mountings_from_the_parameter_file(start_command, tmp_path):
+def test_the_demo_reads_mountings_from_the_parameter_file_and_names_a_prior_without_data(start_command, tmp_path):
     """The bag has no transforms."""
     bag, file = tmp_path / 'bag', tmp_path / 'sensors.yaml'
     convert(bag_of_two_lidars(tmp_path / 'begin', '--speed', '6', '--seconds', '3'), bag, Kept(topics=TOPICS[1::2]))
@@ -55,6 +55,7 @@ def test_the_demo_reads_the_mountings_from_the_parameter_file(start_command, tmp
     assert process.output().endswith('; state it: NAME.laser_pose with sensors in the parameter file\n')
     file.write_text("""/**:
   ros__parameters:
+    prior.source: odometry
     sensors: [front, rear]
     front: {topic: /scan, laser_pose: [0.3, 0.2, 0.785398]}
     rear: {topic: /scan_2, laser_pose: [-0.3, -0.2, -2.356194]}
@@ -62,6 +63,8 @@ def test_the_demo_reads_the_mountings_from_the_parameter_file(start_command, tmp
     process = start_command(*words, '--params-file', file)
     assert process.wait(120.0) == 0, process.output()
     assert process.output().splitlines()[-1] == f'scans {open_recording(bag, "/scan").count} skipped 0'
+    assert process.output().count("prior.source 'odometry' has no effect in demo, which plays scans and static") == 1
+    assert 'has no data at the time of the scan' not in (tmp_path / 'out' / 'scan_matcher.log').read_text()
 
 
 @needs_rosbags
@@ -98,17 +101,6 @@ def test_two_lidars_are_played_in_lockstep_and_the_page_finds_their_topics(start
         reader.close()
         # Until two scans of /scan_2 have come it may be silent, and those of /scan have odometry, too.
         assert len(times - {round(1e-9 * stamp, 3) for stamp in recording.stamps()}) <= 2
-
-
-@needs_rosbags
-@needs_tf2_msgs
-def test_the_demo_names_a_prior_for_which_it_plays_no_data(start_command, tmp_path):
-    (tmp_path / 'wheels.yaml').write_text('/**:\n  ros__parameters:\n    prior.source: odometry\n')
-    process = start_command('demo', '--out', tmp_path / 'out', '--params-file', tmp_path / 'wheels.yaml',
-                            bag_of_two_lidars(tmp_path / 'begin', '--speed', '6', '--seconds', '3'), *TOPICS)
-    assert process.wait(120.0) == 0, process.output()
-    assert process.output().count("prior.source 'odometry' has no effect in demo, which plays scans and static") == 1
-    assert 'has no data at the time of the scan' not in (tmp_path / 'out' / 'scan_matcher.log').read_text()
 
 
 @needs_rosbags
