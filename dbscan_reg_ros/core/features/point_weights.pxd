@@ -4,8 +4,11 @@
 
 In a refinement a point weighs its own weight (1 on a wall) times the kernel of its error, 0 where the normals of point
 and line disagree. In a score its leverage and its own weight replace the equal shares of all points. The errors are
-divided by the noise of the point (`OrientedPoints.inverse_noise`) before. Of several lidars, a pair with a key frame of
-another lidar weighs less where the lidars disagree (`weighted_by_agreement` in `mapping/correspondences.pyx`).
+divided by the noise of the point (`OrientedPoints.inverse_noise`) before.
+
+In the alignment with the map a point is paired with lines of several key frames (`mapping/correspondences.pyx`): the
+kernels of all its pairs are scaled to sum to at most 1 (`Correspondences.weigh`). Of several lidars, a pair with a key
+frame of another lidar weighs less where the lidars disagree (`weighted_by_agreement`).
 """
 from ..geometry.exponential cimport decaying_exp
 

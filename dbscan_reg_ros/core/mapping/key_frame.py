@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Key frame: a scan with its pose, to which later scans are registered."""
+"""A scan with its pose, to which later scans are registered: a key frame, or the last scan."""
 from dataclasses import dataclass
 
 from ..features.records import Features
@@ -9,7 +9,7 @@ from ..sensor import FIRST, Sensor
 
 @dataclass(frozen=True, eq=False)
 class KeyFrame:
-    """A scan to which later scans are registered.
+    """A scan to which later scans are registered; those of a `KeyFrameWindow` are the key frames of the map.
 
     Attributes
     ----------

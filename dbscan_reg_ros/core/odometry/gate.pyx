@@ -20,16 +20,16 @@ from .verdict import Decision, Reason, Verdict
 from ..geometry.se2 cimport SE2
 
 cdef:
-    double INFORMATION_RATIO = 0.5
     # A degenerate result can replace another one only if it is constrained by at least this fraction of its points.
-    double GUESS_CONFIDENCE = 0.01
+    double INFORMATION_RATIO = 0.5
     # Below this confidence a result without a prediction is right less often than a weak prediction.
-    double MIN_TIME = 0.01
+    double GUESS_CONFIDENCE = 0.01
     # Least time [s] for which a difference between motion and prediction is allowed.
-    double RECENT_SCORE_RATIO = 0.55
+    double MIN_TIME = 0.01
     # A result outside the gates has to reach at least this ratio of the last score, if that is recent.
-    double WEAK_PRIOR_RATIO = 0.7
+    double RECENT_SCORE_RATIO = 0.55
     # Ratio of `prior.gate` within which a result that is not ``OK`` is accepted after a weak prior.
+    double WEAK_PRIOR_RATIO = 0.7
 
 
 cdef class Gate:
@@ -108,16 +108,16 @@ cdef class Gate:
             return self._check_outlier(pose, registration.score)
         return Verdict(Decision.REJECT, Reason.UNRELIABLE)
 
-    def check_scan_before(self, before, pose, registration, tentative=None):
+    def check_scan_before(self, before, pose, registration, alternative=None):
         """Decide on a scan registered without a prediction to the previous scan, whose pose is `before`.
 
-        If the prediction is weak, this result may replace a `tentative` result, which depends on the prediction.
+        If the prediction is weak, this result may replace the `alternative`, a result that depends on the prediction.
         """
         excess = self._exceeded_limit(before, pose, self._time_since_found - self._tracking.lost_time)
         if excess is not None:
             return Verdict(Decision.REJECT, excess)
         if registration.status is not Status.OK or not self._is_reliable(registration):
-            if self._is_likely(pose, registration, tentative):
+            if self._is_likely(pose, registration, alternative):
                 return Verdict(Decision.ACCEPT, Reason.SCAN_BEFORE)
             if self.weak_prior and self.predictions.by_motion_model and registration.confidence > GUESS_CONFIDENCE:
                 return Verdict(Decision.REJECT, Reason.GUESS)
@@ -127,11 +127,12 @@ cdef class Gate:
             return Verdict(Decision.REJECT, Reason.POOR_SCORE)
         return Verdict(Decision.ACCEPT, Reason.SCAN_BEFORE)
 
-    cdef bint _is_likely(self, pose, registration, tentative):
-        """Whether a result without a prediction is more likely than the `tentative` result, if there is one.
+    cdef bint _is_likely(self, pose, registration, alternative):
+        """Whether a result without a prediction is more likely than the `alternative`, if there is one.
 
-        The confidence of a degenerate result does not cover the degenerate direction. Such a result can replace only a
-        tentative result that is degenerate too, and must constrain this direction by at least half as many points.
+        The confidence of a degenerate result does not cover the degenerate direction. Such a result needs an
+        alternative: one of less confidence, or one that is degenerate too, of which at most twice as many points
+        constrain that direction.
         """
         if (registration.status is Status.FAILED or not (self.weak_prior and self.predictions.by_motion_model)
                 or not self._near_prediction(pose, registration)):
@@ -139,11 +140,11 @@ cdef class Gate:
         degenerate = registration.status is Status.DEGENERATE
         if registration.confidence <= LIKELY:
             return False
-        if tentative is None:
+        if alternative is None:
             return not degenerate
-        if tentative.status is not Status.DEGENERATE:
-            return registration.confidence > tentative.confidence
-        least = INFORMATION_RATIO * (tentative.weakest_information or 0.0) - TINY
+        if alternative.status is not Status.DEGENERATE:
+            return registration.confidence > alternative.confidence
+        least = INFORMATION_RATIO * (alternative.weakest_information or 0.0) - TINY
         return not degenerate or (registration.weakest_information or 0.0) >= least
 
     def check_lost_map(self, expected, covariance, pose, registration):

@@ -14,7 +14,10 @@ from .references import Match
 
 
 def is_due(match: Match, aligned: Aligned, overlap: float, window: KeyFrameWindow, sensor: str, p: Parameters) -> bool:
-    """Whether a scan becomes the latest key frame: far from the present one, rotated, or with too little overlap.
+    """Whether a scan becomes the latest key frame.
+
+    It does if it is far from the latest one of its sensor, rotated, or has too little overlap; if it was registered to
+    another reference, or its sensor has no key frame; and always if `odometry.reference` is ``previous``.
 
     Parameters
     ----------

@@ -172,7 +172,13 @@ class Odometry:
         return state.motion.predict(interval, p)
 
     def _sensor_state(self, scan: Scan, sensor: Sensor, uses: bool) -> SensorState:
-        """Return the state stored for a sensor; raise `ScanError` if a scan that is used is too old."""
+        """Return the state stored for a sensor, a new one for a new sensor.
+
+        Raises
+        ------
+        ScanError
+            When a scan that is used is too old.
+        """
         late = self._state.order.lateness(sensor.name, scan.stamp, self._parameters.time)
         if late and uses:
             raise ScanError(f'the scan at {scan.stamp} ns is {late:.3f} s older than the last one of another sensor; '
@@ -201,7 +207,10 @@ class Odometry:
         return state.order.time_since_last(scan.stamp) <= self._parameters.odometry.coast_time
 
     def _since_last(self, scan: Scan, sensor: Sensor, own: ScanInterval) -> ScanInterval:
-        """Return the interval since the last scan of any sensor; `own` is the interval since the last of `sensor`."""
+        """Add a scan to the order of all, and return the interval since the last; `own` is that of the `sensor` alone.
+
+        After a gap of the `sensor` its last pose is forgotten, after stamps that went back the state of all others.
+        """
         state, p = self._state, self._parameters
         stamps = state.sensors[sensor.name].stamps
         interval = state.order.since_last(sensor.name, scan.stamp, own, stamps, p.time)

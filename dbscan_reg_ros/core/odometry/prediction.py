@@ -24,7 +24,7 @@ class Prediction:
     prior : Prior
         Predicted motion since the last scan.
     gate_covariance : (3, 3) float
-        Covariance of `pose` in the frame of the sensor [m, m, rad], enlarged while scans cannot be registered.
+        Covariance of `pose` in the frame of the sensor [m, m, rad], as `ConstantVelocityModel.gate_covariance`.
     """
 
     pose: SE2

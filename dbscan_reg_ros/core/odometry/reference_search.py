@@ -97,17 +97,17 @@ class ReferenceSearch:
         frames = self._state.key_frames.frames_of(self._sensor)
         return self._state.tracking.last_scan_of(self._sensor) or max(frames, key=lambda frame: frame.number)
 
-    def _match_scan_before(self, tentative: Match | None) -> Match:
-        """Register to the previous scan without a prediction; a `tentative` match with the map is the alternative.
+    def _match_scan_before(self, alternative: Match | None) -> Match:
+        """Register to the previous scan without a prediction; the `alternative` is the match with the map.
 
         The previous scan need not have been registered itself. Two scans from distant positions have few poles in
         common: the scan is registered with and without poles, and the more confident result is returned.
         """
-        matches = [self._match_pair(poles, tentative) for poles in (False, True)[:1 + bool(self._features.poles)]]
+        matches = [self._match_pair(poles, alternative) for poles in (False, True)[:1 + bool(self._features.poles)]]
         matches = [each for each in matches if each.verdict.decision is Decision.ACCEPT] or matches
         return matches[first_largest(np.array([each.registration.confidence for each in matches]))]
 
-    def _match_pair(self, with_poles: bool, tentative: Match | None) -> Match:
+    def _match_pair(self, with_poles: bool, alternative: Match | None) -> Match:
         """Register to the previous scan, with or without pole features."""
         frame = self._previous_scan()
         reference, current = (
@@ -115,8 +115,8 @@ class ReferenceSearch:
             for features in (frame.features, self._features))
         registration = demoted_if_poor(register(reference, current, self._search_parameters), self._parameters.decision)
         pose = frame.pose @ registration.transform
-        alternative = None if tentative is None else tentative.registration
-        verdict = self._gate.check_scan_before(frame.pose, pose, registration, alternative)
+        verdict = self._gate.check_scan_before(frame.pose, pose, registration,
+                                               None if alternative is None else alternative.registration)
         return Match(key_frame=frame, pose=pose, unresolved_direction=unresolved_direction(frame, registration, None),
                      registration=registration, features=self._features, verdict=verdict)
 

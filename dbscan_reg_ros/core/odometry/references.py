@@ -142,7 +142,7 @@ def fallback_references(state: TrackState, predicted: SE2, first: Registration,
     reference            condition
     ==================== ====================================================================================
     latest key frame     the score of the local map is recoverable, and the map has more than this key frame
-    last scan            it was found and is no key frame, the prediction is rotated from the latest key frame by
+    last scan            it is no key frame, found or not, the prediction is rotated from the latest key frame by
                          more than `odometry.key_frame_angle`, and the local map failed
     older key frames     the nearest `odometry.older_key_frames`; only those closer to the prediction than the
                          latest where the score of the local map is not recoverable

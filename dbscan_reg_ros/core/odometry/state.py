@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""State of the odometry: everything that is stored from one scan to the next."""
+"""State of the track, which is stored from one scan to the next."""
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -141,7 +141,7 @@ NO_SENSORS: Mapping[str, SensorState] = MappingProxyType({})
 
 @dataclass
 class TrackState:
-    """Everything that is stored from one scan to the next.
+    """What is stored of a track from one scan to the next; `Odometry` also keeps repeated scans and compared lidars.
 
     Each field is assigned in one module only: `sensors` in `pipeline`, all others in `update`.
 

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Update of the track with a scan.
 
-=============================== ======================== =========================================
-event                           mode after it            function
-=============================== ======================== =========================================
-first scan, jump of the stamps  ``STARTING``             `start`
-scan found                      ``TRACKING``             `follow`
-scan not found                  ``COASTING``, ``LOST``   `coast`
-lost for `restart_time`         ``STARTING``             `coast`
-=============================== ======================== =========================================
+================================================== ======================== ========
+event                                              mode after it            function
+================================================== ======================== ========
+first scan, stamps that go back                    ``STARTING``             `start`
+first scan of a further sensor                     ``TRACKING``, as before  `join`
+scan found                                         ``TRACKING``             `follow`
+scan not found                                     ``COASTING``, ``LOST``   `coast`
+the same after a gap, or lost for `restart_time`   ``STARTING``             `coast`
+================================================== ======================== ========
 """
 import dataclasses
 from collections.abc import Mapping
@@ -227,7 +228,7 @@ class _FoundScan:
             state.covariance.reset_twist()
         constraints = aligned.motion_constraints(prior, registration)
         state.pose = state.motion.update(pose, interval, constraints, self._parameters, sensor.name)
-        state.sensors[sensor.name].stamps.judge(state.motion.moved(state.pose, interval.middle_offset))
+        state.sensors[sensor.name].stamps.compare_velocities(state.motion.moved(state.pose, interval.middle_offset))
         if registration.status is Status.OK:
             state.covariance.observe(state.motion.twist)
         is_key_frame = self._update_key_frames(aligned)

@@ -8,11 +8,12 @@ class Decision(Enum):
     """Decision of the gate about the result of a registration."""
 
     ACCEPT = 'accept'
-    """The result is used, and no further reference is tried."""
+    """The result is used, and no further key frame is tried; after a weak prior, if it is not ``OK``, the previous scan
+    is."""
     TENTATIVE = 'tentative'
     """The result is used unless another reference gives an accepted result."""
     REJECT = 'reject'
-    """The result is not used."""
+    """The result is not used. Only the pose of a `Reason.GUESS` is, as that of a scan that was not found."""
 
 
 class Reason(Enum):

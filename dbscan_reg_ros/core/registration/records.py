@@ -24,9 +24,10 @@ class Status(Enum):
     DEGENERATE = 'degenerate'
     """The scans agree, but the translation along one direction, or the rotation, is unobservable."""
     AMBIGUOUS = 'ambiguous'
-    """A different motion scores nearly as well."""
+    """The motion may be another one: a rival is nearly as likely, the score is low, or in the odometry the pose was
+    corrected or follows scans that were not found in the map."""
     FAILED = 'failed'
-    """No motion aligns the scans."""
+    """No motion aligns the scans; in the odometry also: the motion is impossibly fast, or a new track starts."""
 
 
 @dataclass(frozen=True, eq=False)

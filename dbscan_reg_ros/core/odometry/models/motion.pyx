@@ -18,12 +18,12 @@ from .scan_order cimport ScanMiddle, ScanMiddles
 from .twist cimport Twist, integrated, limited, twist_variance
 
 cdef:
-    double SAME_INTERVAL = 1.5
     # Two intervals whose ratio is below this differ by jitter of the stamps only.
-    double STAMP_JITTER = 0.3
+    double SAME_INTERVAL = 1.5
     # Standard deviation of the predicted motion as a fraction of it, as the stamps of most drivers jitter.
-    double RANDOM_WALK_GAIN = 1.5
+    double STAMP_JITTER = 0.3
     # For a random walk, the velocity at the end of an interval has changed by this much more than its mean over it.
+    double RANDOM_WALK_GAIN = 1.5
 
 
 cdef class MotionConstraints:
@@ -83,7 +83,7 @@ cdef class ConstantVelocityModel:
     # sensor.
     cdef list _velocities
     cdef double _last_interval
-    cdef bint _regular
+    cdef bint _of_one_sensor
 
     def __init__(self, SE2 pose, sensor=''):
         self.reset_velocity()
@@ -99,7 +99,7 @@ cdef class ConstantVelocityModel:
 
     cpdef reset_velocity(self):
         """Reset the velocity to 0, and discard the velocities measured so far."""
-        self._increment, self._velocities, self._last_interval, self._regular = SE2(), [], 0.0, True
+        self._increment, self._velocities, self._last_interval, self._of_one_sensor = SE2(), [], 0.0, True
         self._twist = self._variance = Twist(0.0, 0.0, 0.0)
 
     cpdef start_moving(self, SE2 pose, twist, double middle_offset, sensor):
@@ -148,7 +148,7 @@ cdef class ConstantVelocityModel:
         self._middles.elapse(interval)
 
     def predict(self, interval, parameters):
-        """Predict the same increment as the last one; its covariance grows with the interval and with the increment.
+        """Predict the motion in an interval by the mean of the last velocities; its covariance grows with both.
 
         After a jump of the stamps the prediction is `motion_without_scans`.
         """
@@ -181,9 +181,8 @@ cdef class ConstantVelocityModel:
         predicted : SE2
             Pose that the prior predicts, in the odometry frame.
         lost_time : float [s]
-            Time since scans could not be registered any more: the covariance grows with it in every direction. Along a
-            degenerate direction the standard deviation grows with `unconstrained_time`, by at most
-            `SEARCH_DISTANCE`.
+            Time for which scans were not found: the covariance grows with it in every direction. Along a degenerate
+            direction the standard deviation grows with `unconstrained_time`, by at most `SEARCH_DISTANCE`.
         parameters : Parameters
 
         Returns
@@ -256,7 +255,7 @@ cdef class ConstantVelocityModel:
             self._velocities.append((self._twist.x, self._twist.y))
             del self._velocities[:-parameters.prior.velocity_window]
             self._increment, self._last_interval = integrated(self._mean_twist(), length), length
-            self._regular = not interval.of_others
+            self._of_one_sensor = not interval.of_others
         if direction is None:
             self._constrained_middle, self.unconstrained_time = middle, 0.0
             self._constrained_count += 1
@@ -282,7 +281,7 @@ cdef class ConstantVelocityModel:
     cdef bint _differs_from_last(self, interval):
         """Whether an `interval` differs from the last interval by more than the jitter of the stamps."""
         cdef double length = interval.length
-        if interval.of_others or not self._regular:
+        if interval.of_others or not self._of_one_sensor:
             return True
         return interval.steady and not 1.0 / SAME_INTERVAL < length / self._last_interval < SAME_INTERVAL
 

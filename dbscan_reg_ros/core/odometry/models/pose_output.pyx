@@ -11,12 +11,12 @@ from ...geometry.plane cimport wrap
 from ...geometry.se2 cimport SE2, motion
 
 cdef:
-    double MAX_SIGMA = 0.02
     # Rest is not detected from poses with a larger standard deviation [m], [rad].
-    Py_ssize_t MAX_COUNT = 50
+    double MAX_SIGMA = 0.02
     # Number of scans in the running mean.
-    double MIN_REST_TIME = 1.0
+    Py_ssize_t MAX_COUNT = 50
     # The sensor is at rest if its pose stays within the gate for this time [s]: even slow motion leaves the gate.
+    double MIN_REST_TIME = 1.0
 
 
 cdef class ZeroVelocityUpdate:

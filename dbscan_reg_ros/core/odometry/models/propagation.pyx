@@ -11,8 +11,8 @@ from ...geometry.tolerance import RESOLUTION, TINY
 from ...geometry.matrices cimport multiply, sandwich
 from ...geometry.se2 cimport SE2
 
-cdef double LEAST = RESOLUTION ** 2
 # Variance of the resolution of a lidar [m^2, rad^2], which is added to every published one.
+cdef double LEAST = RESOLUTION ** 2
 NOTHING = np.zeros((3, 3))
 
 

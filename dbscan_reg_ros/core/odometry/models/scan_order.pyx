@@ -6,12 +6,12 @@ from .stamps import ScanInterval, jump_of, seconds
 from ...geometry.se2 cimport SE2
 
 cdef:
-    double MAX_LATE = 0.25
     # A scan may be older than the last one by this time [s]: slow lidars send a scan so long after its first beam.
-    double MAX_OWN_TIME = 0.5
+    double MAX_LATE = 0.25
     # Time [s] since the last scan of a sensor up to which the velocity is computed from it.
-    double MIN_TIME = 0.2
+    double MAX_OWN_TIME = 0.5
     # Time [s] from which on a velocity is computed between scans of different sensors.
+    double MIN_TIME = 0.2
 
 
 cdef class ScanMiddle:

@@ -13,24 +13,24 @@ from ...geometry.se2 cimport SE2
 from .twist cimport Twist
 
 cdef enum:
-    MEDIAN_SIZE = 51
     # Number of intervals in the running median.
+    MEDIAN_SIZE = 51
 
 cdef:
-    double OVERLAP_RATIO = 0.9
     # A scan overlaps the next one if the interval is below this ratio of its duration; below 1 for jitter of stamps.
-    double MIN_INTERVAL = 0.001
+    double OVERLAP_RATIO = 0.9
     # Intervals shorter than this [s] are ignored: no lidar is that fast.
-    double MAX_RATIO = 2.05
+    double MIN_INTERVAL = 0.001
     # An interval up to this multiple of the median is plausible: it allows for one dropped scan and jitter.
-    double LEAST_MOTION = 0.02
+    double MAX_RATIO = 2.05
     # Motion [m, rad] from which on a velocity is compared: less of it is noise.
-    double KEPT = 0.9
+    double LEAST_MOTION = 0.02
     # Fraction of the squared changes of the velocity that is kept from one comparison to the next.
+    double KEPT = 0.9
 
 
 cdef struct Alternative:
-    # One choice of the intervals: time [s] since `judge`, velocity in it, and squared changes of such velocities.
+    # One choice of the intervals: time [s] since `compare_velocities`, velocity in it, and squared changes of such velocities.
     double since, changes
     Twist velocity
 
@@ -56,9 +56,9 @@ cdef class StampFilter:
     cdef Py_ssize_t _positive_count
     # The recent intervals [s] with jumps.
     cdef list _between
-    # Pose in the middle of the scan at `judge`; None after a jump.
+    # Pose in the middle of the scan at `compare_velocities`; None after a jump.
     cdef SE2 _middle
-    cdef Alternative _by_stamps, _regular
+    cdef Alternative _by_stamps, _evened
 
     def timing(self, scan, parameters, double since_last):
         """Return how long a `scan` takes, and store its duration as `duration`.
@@ -74,8 +74,8 @@ cdef class StampFilter:
     def next(self, stamp, double middle_offset, parameters, double scan_duration):
         """Add a stamp and determine the interval since the last one.
 
-        A scan cannot begin before the previous one ends. If the stamps contradict this, they jitter: intervals are
-        rounded to whole multiples of the median.
+        A scan cannot begin before the previous one ends. If the stamps contradict this, they jitter: the interval is
+        evened, as `_evened_interval`, unless the velocity changes less by the stamps.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ cdef class StampFilter:
         scan_duration : float [s]
             Time from the first beam to the last; 0 if all beams are measured at once.
         """
-        cdef double elapsed, regular, usual
+        cdef double elapsed, evened, usual
         cdef bint steady, jumps = self.jumps(stamp, parameters)
         last, self._last = self._last, stamp
         if last is None:
@@ -101,13 +101,13 @@ cdef class StampFilter:
             missing = elapsed > <double> GAP_RATIO * usual
             return ScanInterval(self.typical, max(elapsed, 0.0), middle_offset, *jump_of(elapsed), missing)
         self._add(elapsed)
-        regular = self._regular_interval(elapsed, scan_duration)
+        evened = self._evened_interval(elapsed, scan_duration)
         self._by_stamps.since += elapsed
-        self._regular.since += regular
+        self._evened.since += evened
         steady = (self._shortest() > max(self._typical() / <double> GAP_RATIO, OVERLAP_RATIO * scan_duration)
-                  or (elapsed > 0.0 and self._by_stamps.changes < self._regular.changes))
-        return ScanInterval(elapsed if steady else regular, max(elapsed, 0.0), middle_offset, steady=steady,
-                            sigma=fabs(elapsed - regular) * self._doubt())
+                  or (elapsed > 0.0 and self._by_stamps.changes < self._evened.changes))
+        return ScanInterval(elapsed if steady else evened, max(elapsed, 0.0), middle_offset, steady=steady,
+                            sigma=fabs(elapsed - evened) * self._doubt())
 
     cdef _add(self, double elapsed):
         """Add an interval [s] to the recent ones, in place of the oldest."""
@@ -145,8 +145,8 @@ cdef class StampFilter:
             shortest = min(shortest, self._recent[k])
         return shortest
 
-    def judge(self, SE2 middle):
-        """Compare the velocities by the stamps with those by regular intervals, at the `middle` of a found scan.
+    def compare_velocities(self, SE2 middle):
+        """Compare the velocities by the stamps with those by evened intervals, at the `middle` of a found scan.
 
         Scans that were dropped leave exact stamps at uneven intervals, stamps that jitter leave even intervals at
         inexact stamps. By the right intervals the velocity changes less.
@@ -157,18 +157,18 @@ cdef class StampFilter:
             if max(fabs(step.x), fabs(step.y), fabs(step.theta)) < LEAST_MOTION:
                 return
             compare(&self._by_stamps, step)
-            compare(&self._regular, step)
-        self._middle, self._by_stamps.since, self._regular.since = middle, 0.0, 0.0
+            compare(&self._evened, step)
+        self._middle, self._by_stamps.since, self._evened.since = middle, 0.0, 0.0
 
     cdef double _doubt(self):
         """Return the standard deviation of the choice between both intervals: at most 0.5."""
-        cdef double ratio = (self._by_stamps.changes + <double> TINY) / (self._regular.changes + <double> TINY)
+        cdef double ratio = (self._by_stamps.changes + <double> TINY) / (self._evened.changes + <double> TINY)
         return 1.0 / sqrt(ratio * ratio + 1.0 / (ratio * ratio) + 2.0)
 
-    cdef double _regular_interval(self, double elapsed, double scan_duration):
+    cdef double _evened_interval(self, double elapsed, double scan_duration):
         """Return the interval [s] if stamps jitter: `elapsed` [s] only where it is near the median.
 
-        Where scans would overlap, it is rounded to a whole multiple (at least 1) of the median interval between
+        Where a scan takes a time, it is rounded to a whole multiple (at least 1) of the median interval between
         successive scans.
         """
         cdef double typical
@@ -208,7 +208,7 @@ cdef class StampFilter:
 
 
 cdef void compare(Alternative *intervals, SE2 step):
-    """Add the change of the velocity by a `step` since `judge`."""
+    """Add the change of the velocity by a `step` since `compare_velocities`."""
     cdef double time = max(intervals.since, MIN_INTERVAL)
     cdef Twist before = intervals.velocity, now = Twist(step.x / time, step.y / time, step.theta / time)
     cdef double x = now.x - before.x, y = now.y - before.y, turn = now.turn - before.turn

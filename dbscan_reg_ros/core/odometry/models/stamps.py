@@ -49,8 +49,8 @@ class ScanInterval(NamedTuple):
     Attributes
     ----------
     length : float [s]
-        Difference of the stamps if it is plausible; otherwise the running median, or a whole multiple of the median if
-        scans would overlap. 0 while unknown.
+        Difference of the stamps if the stamps are `steady` or it is plausible; otherwise the running median, or a
+        multiple of it if a scan takes a time. 0 while unknown.
     elapsed : float [s]
         Difference of the stamps; 0 if the stamps went back.
     middle_offset : float [s]
@@ -62,7 +62,7 @@ class ScanInterval(NamedTuple):
     missing : bool
         Whether scans are missing: the stamps jumped forward, and the interval is far longer than the usual one.
     steady : bool
-        Whether the stamps are regular, so that a long interval means dropped scans.
+        Whether the stamps are right, so that a long interval means dropped scans.
     of_others : bool
         Whether the last scan was of another sensor, so that successive intervals may differ in length.
     sigma : float [s]
