@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pose of a robot in a map, without an initial guess."""
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -168,7 +169,7 @@ class Localizer:
             self._forget()
         pose = update.pose.as_array()
         if update.status is not Status.FAILED and not update.waits and self._moved(pose):
-            if self._stops and (np.diag(self._motion_covariance(update)) > UNCERTAIN).any():
+            if self._stops and (self._motion_covariance(update).diagonal() > UNCERTAIN).any():
                 self._forget()
             self._stops.append(Stop.of(update.scan_pose, update.features))
             self._used, self._odometry_covariance = pose, update.covariance
@@ -307,9 +308,7 @@ class Localizer:
 
     def _motion_covariance(self, update: OdometryUpdate) -> NDArray[np.float64]:
         """Return the covariance (3, 3) of the motion since the last scan that was used, in the odometry frame."""
-        lever = lever_arm(update.pose.x - self._used[0], update.pose.y - self._used[1])
-        found: NDArray[np.float64] = update.covariance - lever @ self._odometry_covariance @ lever.T
-        return found
+        return motion_covariance(self._used, self._odometry_covariance, update)
 
     def _report(self, update: OdometryUpdate) -> Localization:
         """Return what is known at the pose of an update."""
@@ -340,6 +339,28 @@ class _Fit(NamedTuple):
     middle: NDArray[np.float64]
     odds: float
     is_sure: bool
+
+
+def motion_covariance(pose: Iterable[float], covariance: NDArray[np.float64], update: OdometryUpdate
+                      ) -> NDArray[np.float64]:
+    """Return the covariance of the motion since an earlier update of the odometry.
+
+    Parameters
+    ----------
+    pose, covariance : SE2 or (3,) float, (3, 3) float
+        Those of the earlier update.
+    update : OdometryUpdate
+
+    Returns
+    -------
+    (3, 3) float
+        In the odometry frame [m, m, rad]; zero in directions in which the odometry knows its pose better than before.
+    """
+    x, y, _ = pose
+    lever = lever_arm(update.pose.x - x, update.pose.y - y)
+    values, axes = np.linalg.eigh(update.covariance - lever @ covariance @ lever.T)
+    found: NDArray[np.float64] = axes * np.maximum(values, 0.0) @ axes.T
+    return found
 
 
 def _drawn(pose: SE2, covariance: NDArray[np.float64], back: SE2) -> NDArray[np.float64]:

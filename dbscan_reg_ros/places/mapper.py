@@ -7,13 +7,15 @@ from numpy.typing import NDArray
 
 from ..core.features.records import Features
 from ..core.geometry.se2 import DOF, SE2, lever_arm, turned
+from ..core.odometry.models.covariance import displacement_covariance
 from ..core.odometry.records import OdometryUpdate
 from ..core.parameters.tree import Parameters
 from ..core.registration.pipeline import register
 from ..core.registration.records import Status
 from ..core.registration.status import demoted_if_poor
+from ..core.scan import SECOND
 from ..recordings.poses import compose
-from .localizer import LOST, Localization, Localizer, State
+from .localizer import LOST, Localization, Localizer, State, motion_covariance
 from .map import Map, View, shows_the_same
 from .pose_graph import Constraints, PoseGraph, optimise
 
@@ -93,9 +95,9 @@ class Mapper:
         # Of each key frame: the way driven until it was seen last.
         self._seen: list[float] = []
         self._way, self._last = 0.0, SE2()
-        # The latest key frame of the odometry: in the map, in the odometry frame, and its number.
-        self._relation, self._place, self._number = Relation(0, SE2(), np.zeros((DOF, DOF))), SE2(), -1
-        self._odometry_covariance, self._gap = np.zeros((DOF, DOF)), False
+        # The latest key frame of the odometry, and where it is in the map.
+        self._key: OdometryUpdate | None = None
+        self._relation, self._gap = Relation(0, SE2(), np.zeros((DOF, DOF))), False
         # That of the robot and that of each key frame; all of track 0 are in one map.
         self._track, self._tracks = 0, list[int]()
         # Whether there are constraints that the poses do not follow from, and the number of key frames when they did.
@@ -117,7 +119,7 @@ class Mapper:
         """
         self._way += float(np.hypot(update.pose.x - self._last.x, update.pose.y - self._last.y))
         self._last = update.pose
-        if update.reference is not None and update.reference_number == self._number:
+        if update.reference is not None and self._key and update.reference_number == self._key.number:
             self._refine(update.reference)
         self.seen_again, self._gap = None, self._gap or bool(update.restarted)
         if self._track and not update.starts_track:
@@ -151,7 +153,8 @@ class Mapper:
 
         With the `graph` of the whole drive they give its final poses: ``graph.poses[number] @ pose @ update.pose``.
         """
-        return self._relation.frame, self._relation.motion @ self._place.inverse()
+        place = self._key.scan_pose if self._key else SE2()
+        return self._relation.frame, self._relation.motion @ place.inverse()
 
     def map(self, mounting: SE2 = SE2()) -> Map:
         """Return the map so far; it does not change when the mapper goes on. `mounting` is that of the `Map`.
@@ -170,27 +173,32 @@ class Mapper:
 
     def _add(self, update: OdometryUpdate) -> None:
         """Use a key frame of the odometry."""
-        place = update.scan_pose
-        if not self._views:
-            self._insert(update, place, np.zeros((DOF, DOF)))
+        if self._key is None:
+            self._insert(update, update.scan_pose, np.zeros((DOF, DOF)))
             self._shows_new.append(True)
-            self._relation = Relation(0, SE2(), np.zeros((DOF, DOF)))
         else:
             if update.starts_track:
                 self._track, self._localizer, self._found = max(self._tracks) + 1, None, None
-            self._relation = self._relation.then(self._place.inverse() @ place, self._step_covariance(update))
-            self._place = place
+            step = self._key.scan_pose.inverse() @ update.scan_pose
+            self._relation = self._relation.then(step, self._step_covariance(self._key, update))
             self._locate(update)
-        self._place, self._number, self._gap = place, update.number, False
-        self._odometry_covariance = update.covariance
+        self._key, self._gap = update, False
         self._seen[self._relation.frame] = self._way
 
-    def _step_covariance(self, update: OdometryUpdate) -> NDArray[np.float64]:
-        """Return the covariance (3, 3) of the motion since the last key frame, in the frame of this one."""
+    def _step_covariance(self, before: OdometryUpdate, update: OdometryUpdate) -> NDArray[np.float64]:
+        """Return the covariance (3, 3) of the motion since the key frame before, in the frame of this one.
+
+        The motion model limits what the registration leaves open, as along a corridor.
+        """
         if update.starts_track:
             return LOST
         spread = np.diag(GAP_SPREAD if self._gap else STEP_SPREAD) ** 2
-        return spread if update.registration is None else update.registration.covariance + spread
+        if update.registration is None:
+            return spread
+        measured = update.registration.covariance
+        modelled = displacement_covariance((update.stamp - before.stamp) / SECOND, self._parameters)
+        found: NDArray[np.float64] = measured @ np.linalg.solve(measured + modelled, modelled) + spread
+        return found
 
     def _locate(self, update: OdometryUpdate) -> None:
         """Find the latest key frame among those of the map, or add it."""
@@ -219,18 +227,9 @@ class Mapper:
             if not self._every or len(self._views) >= GROWTH * self._settled:
                 self._settle()
         if known and not is_new:
-            self._relation = self._weighed(known, chain)
-
-    def _weighed(self, known: Relation, chain: Relation) -> Relation:
-        """Return the relation `known` with the mean of its motion and of that by the `chain` of motions.
-
-        The covariance stays that of `known`, as the errors of both depend on each other.
-        """
-        by_chain, heading = self._in_frame(known.frame, chain), self._in_map(known).theta
-        of_chain, of_known = (turned(self._covariance_of(each), -heading) for each in (chain, known))
-        off = (by_chain.inverse() @ known.motion).as_array()
-        moved = SE2.from_array(of_chain @ np.linalg.solve(of_chain + of_known, off))
-        return known._replace(motion=by_chain @ moved)
+            # The errors of both depend on each other.
+            by_chain = chain._replace(frame=known.frame, motion=self._in_frame(known.frame, chain))
+            self._relation = known._replace(motion=mean_motion(by_chain, known).motion)
 
     def _again(self, update: OdometryUpdate) -> Relation | None:
         """Return the relation of a key frame to one of the map that was seen long before; None if there is none."""
@@ -302,10 +301,8 @@ class Mapper:
             first, second, motion, covariance = second, first, motion.inverse(), turn @ covariance @ turn.T
         if (first, second) in self._constraints:
             before, of_before = self._constraints[first, second]
-            off = (SE2.from_array(before).inverse() @ motion).as_array()
-            gain = of_before @ np.linalg.inv(of_before + covariance)
-            motion, covariance = SE2.from_array(before) @ SE2.from_array(gain @ off), of_before - gain @ of_before
-            covariance = 0.5 * (covariance + covariance.T)
+            _, motion, covariance = mean_motion(Relation(first, SE2.from_array(before), of_before),
+                                                Relation(first, motion, covariance))
         self._constraints[first, second] = motion.as_array(), covariance
 
     def _in_map(self, relation: Relation) -> SE2:
@@ -328,12 +325,21 @@ class Mapper:
         """Return what is known at the pose of an update."""
         if not self._views:
             return Localization(State.SEARCHING, None, None, None, [], 1.0)
+        assert self._key
         number, odometry = self.anchor
         transform = SE2.from_array(self._poses[number]) @ odometry
         pose, covariance = transform @ update.pose, LOST
         if not self._track:
-            covariance = self._covariance_of(self._relation)
-            if update.status is Status.FAILED:
-                covariance = covariance + turned(update.covariance - self._odometry_covariance, transform.theta)
+            since = motion_covariance(self._key.pose, self._key.covariance, update)
+            covariance = self._covariance_of(self._relation.then(self._key.scan_pose.inverse() @ update.pose,
+                                                                 turned(since, -update.pose.theta)))
         state = State.SEARCHING if self._track else State.LOCALISED
         return Localization(state, transform, pose, covariance, [(pose, 1.0)], 0.0)
+
+
+def mean_motion(first: Relation, second: Relation) -> Relation:
+    """Return the mean of two independent measurements of one motion, weighted by their information."""
+    gain = first.covariance @ np.linalg.inv(first.covariance + second.covariance)
+    off = (first.motion.inverse() @ second.motion).as_array()
+    left = first.covariance - gain @ first.covariance
+    return first._replace(motion=first.motion @ SE2.from_array(gain @ off), covariance=0.5 * (left + left.T))

@@ -6,12 +6,15 @@ import math
 
 import numpy as np
 import pytest
+from rooms import outline
 
 from dbscan_reg_ros import SE2, Odometry, Parameters
+from dbscan_reg_ros.core.geometry.se2 import wrap
 from dbscan_reg_ros.places.localizer import State
 from dbscan_reg_ros.places.mapper import Mapper
 from dbscan_reg_ros.recordings.poses import relative
-from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
+from dbscan_reg_ros.replays.loops import Loops
+from dbscan_reg_ros.simulation import Lidar, World, corridor, follow, rooms, simulate
 
 DRIFT = math.radians(0.01)
 """Error [rad] of the heading that each scan adds."""
@@ -57,6 +60,58 @@ def test_loops_correct_a_drift_and_places_seen_before_are_not_added(tour):
     assert sizes[-1] <= 1.1 * sizes[half]
     spread = np.array([np.sqrt(np.trace(each.covariance[:2, :2])) for each in found])
     assert (np.hypot(*off[:, :2].T) < 4.0 * spread + 0.02).all()
+
+
+def test_another_place_at_the_pose_of_an_old_one_is_added(tour):
+    """The odometry has drifted by so much that it is at its first poses again, and the scans show other rooms."""
+    _, updates = tour
+    count, mapper = len(updates) // 8, Mapper()
+    for update in updates[:count]:
+        mapper.process(update)
+    before = len(mapper.map().views)
+    for update, old in zip(updates[count:2 * count], updates[:count], strict=True):
+        mapper.process(dataclasses.replace(update, pose=old.pose))
+        assert mapper.seen_again is None
+    assert len(mapper.map().views) > 1.7 * before
+
+
+def corridor_tour(seed):
+    """Along a corridor whose length the scans mostly do not show, back, and along it once more."""
+    world = corridor(seed=seed)
+    way = np.vstack((world.tour, world.tour[-2::-1], world.tour[1:]))
+    drive = simulate(world, follow(way, speed=1.0), Lidar(rate=2.0), seed=seed)
+    return relative(np.repeat(drive.truth[:1], len(drive.truth), axis=0), drive.truth), drive.scans
+
+
+@pytest.mark.parametrize('seed', [20, 21])
+def test_loops_share_an_error_among_the_motions_that_are_known_least(seed):
+    """Where scans do not show the motion along the corridor, the motion model limits its error."""
+    truth, scans = corridor_tour(seed)
+    odometry, loops, known = Odometry(Parameters()), Loops(every=False), []
+    updates = [odometry.process(scan) for scan in scans]
+    for update in updates:
+        known.append(loops.add(update))
+    away = relative(truth, np.array([update.pose.as_array() for update in updates]))
+    off = relative(truth, loops.poses())
+    assert loops.found and np.hypot(*off[:, :2].T).mean() < 0.9 * np.hypot(*away[:, :2].T).mean()
+    # Also between key frames the covariance is that of the errors.
+    error = (np.array([each.pose.as_array() for each in known]) - truth)[1:]
+    error[:, 2] = wrap(error[:, 2])
+    squared = [each @ np.linalg.solve(found.covariance, each) for each, found in zip(error, known[1:], strict=True)]
+    assert np.quantile(squared, 0.99) < 16.3
+
+
+def test_the_covariance_grows_where_no_key_frame_is_added():
+    """Between two smooth walls the odometry stays where it was, says so, and adds no key frame."""
+    walls = World(outline([(0.0, 0.0), (60.0, 0.0), (60.0, 2.4), (0.0, 2.4)]), np.array([(2.0, 1.2), (30.0, 1.2)]))
+    drive = simulate(walls, follow(walls.tour, speed=1.0), Lidar(rate=5.0, range_max=9.0), seed=1)
+    odometry, mapper = Odometry(Parameters()), Mapper()
+    found = [mapper.process(odometry.process(scan)) for scan in drive.scans]
+    off = drive.truth[:, 0] - drive.truth[0, 0] - np.array([each.pose.x for each in found])
+    assert len(mapper.numbers) == 1 and off[-1] > 20.0
+    spread = np.array([math.sqrt(each.covariance[0, 0]) for each in found])
+    assert (off < 3.0 * spread + 0.02).all()
+    assert max(math.sqrt(each.covariance[1, 1]) for each in found) < 0.2
 
 
 def test_after_a_loss_the_robot_is_found_in_its_own_map(tour):
