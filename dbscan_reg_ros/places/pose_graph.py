@@ -11,8 +11,10 @@ from ..recordings.poses import relative
 
 ROBUST = 3.0
 """Scale of the robust kernel, in standard deviations of a residual."""
-ROUNDS, CONVERGED = 20, 1e-6
+ROUNDS, CONVERGED = 100, 1e-6
 """Largest number of Gauss-Newton iterations, and the step [m, rad] below which the iterations end."""
+HALVINGS = 10
+"""Largest number of times that a step is halved until it lowers the sum of the errors."""
 
 
 class Constraints(NamedTuple):
@@ -51,7 +53,7 @@ class PoseGraph(NamedTuple):
 
 
 def optimise(poses, constraints: Constraints):
-    """Optimise a pose graph by robust Gauss-Newton (Lu and Milios 1997), with sparse matrices.
+    """Optimise a pose graph by robust Gauss-Newton with a line search (Lu and Milios 1997), with sparse matrices.
 
     Parameters
     ----------
@@ -66,7 +68,7 @@ def optimise(poses, constraints: Constraints):
     from scipy.sparse import coo_matrix, diags
     from scipy.sparse.linalg import spsolve
 
-    pairs, motions, poses = constraints.pairs, constraints.motions, poses.copy()
+    pairs, poses = constraints.pairs, poses.copy()
     first, second = pairs.T
     root = np.linalg.inv(np.linalg.cholesky(constraints.covariances_in_first()))
     rows = np.arange(3 * len(pairs)).reshape(-1, 3, 1)
@@ -74,11 +76,8 @@ def optimise(poses, constraints: Constraints):
     columns = np.broadcast_to(np.concatenate((3 * first[:, None] + np.arange(3), 3 * second[:, None] + np.arange(3)),
                                              axis=1)[:, None], rows.shape)
     held = diags(np.concatenate(([1e9] * 3, [1e-9] * (3 * len(poses) - 3))))
+    now, error, cost = _errors(poses, constraints, root)
     for _ in range(ROUNDS):
-        now = relative(poses[first], poses[second])
-        error = now - motions
-        error[:, 2] = wrap(error[:, 2])
-        error = np.einsum('eij,ej->ei', root, error)
         weight = 1.0 / np.sqrt(1.0 + (error ** 2).sum(axis=1, keepdims=True) / ROBUST ** 2)
         c, s = np.cos(poses[first, 2]), np.sin(poses[first, 2])
         zero, one = np.zeros(len(pairs)), np.ones(len(pairs))
@@ -87,11 +86,29 @@ def optimise(poses, constraints: Constraints):
         jacobian = weight[:, :, None] * (root @ jacobian)
         matrix = coo_matrix((jacobian.ravel(), (rows.ravel(), columns.ravel()))).tocsc()
         step = spsolve((matrix.T @ matrix + held).tocsc(), -(matrix.T @ (weight * error).ravel())).reshape(-1, 3)
-        poses += step
         if np.abs(step).max() < CONVERGED:
+            poses += step
             break
+        before = cost
+        for _ in range(HALVINGS):
+            now, error, cost = _errors(poses + step, constraints, root)
+            if cost < before:
+                break
+            step *= 0.5
+        else:
+            break
+        poses += step
     poses[:, 2] = wrap(poses[:, 2])
     return poses
+
+
+def _errors(poses, constraints, root):
+    """Return the motions of a graph (E, 3), their errors in standard deviations (E, 3), and the robust sum of these."""
+    now = relative(*poses[constraints.pairs.T])
+    error = now - constraints.motions
+    error[:, 2] = wrap(error[:, 2])
+    error = np.einsum('eij,ej->ei', root, error)
+    return now, error, np.log1p((error ** 2).sum(axis=1) / ROBUST ** 2).sum()
 
 
 def write_g2o(path, graph: PoseGraph):
