@@ -77,6 +77,13 @@ def test_corners_lie_where_the_walls_meet(noise):
     assert nearest.max() < 0.01 + 5.0 * noise
 
 
+@pytest.mark.parametrize('degrees, corners', [(14.0, 0), (22.0, 1)])
+def test_walls_meet_in_a_corner_where_the_sine_of_their_angle_is_above_03(degrees, corners):
+    far = 2.0 * np.array((1.0 - math.sin(math.radians(degrees)), math.cos(math.radians(degrees))))
+    found = segments_of(np.array([[(2.0, -2.0), (2.0, 0.0)], [(2.0, 0.0), far]]), geometry=HALF)
+    assert len(found) == 2 and np.count_nonzero(found.kinds[:, 1] == EndKind.CORNER) == corners
+
+
 # Line fits
 
 

@@ -29,10 +29,13 @@ def evidence(reference, current, motion):
 
 
 def test_the_points_of_the_same_scan_are_on_its_outline_and_do_not_conflict():
-    scan = features(START)
+    """Its segments lie upon themselves. Some walls are nearer than 1 m."""
+    scan = features(START, walls=0.5 * ROOM)
     found = evidence(scan, scan, SE2())
     assert found.on_outline == len(scan.sampled_points)
     assert found.conflicts_current == found.conflicts_reference == found.unmatched_ends == 0
+    lengths, directions = scan.segments.length, scan.segments.direction
+    assert found.crossing == pytest.approx(0.5 * (lengths.sum() - abs(lengths @ np.exp(2j * directions))))
 
 
 def test_points_in_front_of_the_outline_conflict_and_points_behind_it_are_hidden():
