@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from compiled_inputs import ranges
 from rooms import DEGREE, HALF, L_ROOM, look, outline
 
 from dbscan_reg_ros.core.features.extraction import extract_features
@@ -82,6 +83,20 @@ def test_walls_meet_in_a_corner_where_the_sine_of_their_angle_is_above_03(degree
     far = 2.0 * np.array((1.0 - math.sin(math.radians(degrees)), math.cos(math.radians(degrees))))
     found = segments_of(np.array([[(2.0, -2.0), (2.0, 0.0)], [(2.0, 0.0), far]]), geometry=HALF)
     assert len(found) == 2 and np.count_nonzero(found.kinds[:, 1] == EndKind.CORNER) == corners
+
+
+def test_a_corner_lies_before_the_middle_of_the_wall_that_begins_there():
+    """In noise with clutter and outliers, where a wall may begin far from where the one before ends."""
+    found = 0
+    for seed in range(10):
+        scan = Scan(0, ranges(np.random.default_rng(seed), 180)[0], ScanGeometry(-math.pi, 2.0 * DEGREE, 180))
+        segments = extract_features(scan, PLAIN).segments
+        for k in np.flatnonzero(segments.kinds[:, 1] == EndKind.CORNER):
+            along = np.array((math.cos(segments.direction[k + 1]), math.sin(segments.direction[k + 1])))
+            first, last = (scan.points[segments.beams[k + 1]] - segments.end[k]) @ along
+            assert abs(first) < 0.5 * (last - first)
+            found += 1
+    assert found > 10
 
 
 # Line fits
