@@ -116,13 +116,21 @@ def test_poses_with_a_quaternion_that_is_no_rotation_are_not_used_and_said_with_
     assert '2 of 4 poses on /odom' in bag.problems[0] and '(0, 0, 0, 0)' in bag.problems[0]
 
 
-def odometry(stamp, w=1.0):
-    """A message of wheel odometry with the quaternion (0, 0, 0, w)."""
+@needs_rosbags
+def test_the_pose_of_the_wheels_at_a_scan_is_interpolated_and_held_beyond_their_time(tmp_path):
+    rows = [('/scan', 2, laser_scan(2 * SECOND)), ('/scan', 4, laser_scan(4 * SECOND)),
+            *(('/odom', k, odometry(k * SECOND, x=float(k))) for k in (1, 3))]
+    bag = open_recording(write_bag(tmp_path / 'bag', rows))
+    assert [record.robot_pose[0] for record in bag.records()] == [2.0, 3.0]
+
+
+def odometry(stamp, w=1.0, x=0.0):
+    """A message of wheel odometry at (x, 0) with the quaternion (0, 0, 0, w)."""
     from dbscan_reg_ros.recordings.bags.with_rosbags import MessageMaker
     from dbscan_reg_ros.recordings.message_fields import header_fields
     maker = MessageMaker()
     return maker.store.deserialize_cdr(maker.serialize(ODOMETRY, {
-        'header': header_fields(stamp, 'odom'), 'pose': {'pose': {'orientation': {'w': w}}}}), ODOMETRY)
+        'header': header_fields(stamp, 'odom'), 'pose': {'pose': {'position': {'x': x}, 'orientation': {'w': w}}}}), ODOMETRY)
 
 
 def log_of(path, laser, robot, kind='RLASER'):
