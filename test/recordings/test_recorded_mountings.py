@@ -129,8 +129,9 @@ def odometry(stamp, w=1.0, x=0.0):
     from dbscan_reg_ros.recordings.bags.with_rosbags import MessageMaker
     from dbscan_reg_ros.recordings.message_fields import header_fields
     maker = MessageMaker()
+    pose = {'position': {'x': x}, 'orientation': {'w': w}}
     return maker.store.deserialize_cdr(maker.serialize(ODOMETRY, {
-        'header': header_fields(stamp, 'odom'), 'pose': {'pose': {'position': {'x': x}, 'orientation': {'w': w}}}}), ODOMETRY)
+        'header': header_fields(stamp, 'odom'), 'pose': {'pose': pose}}), ODOMETRY)
 
 
 def log_of(path, laser, robot, kind='RLASER'):
