@@ -16,9 +16,9 @@ from ..core.registration.clustering.translation import estimate_translations
 from ..core.registration.hypotheses import Rotations, Translations
 from ..core.registration.landmarks import landmarks
 from ..core.registration.pipeline import register, with_common_noise
+from ..core.registration.problem import Problem
 from ..core.registration.records import Registration
 from ..core.registration.scoring import scores
-from ..core.registration.search import Problem
 from ..core.scan import Scan
 
 

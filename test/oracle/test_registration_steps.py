@@ -19,10 +19,10 @@ from dbscan_reg_ros.core.registration.confidence.evidence import evidence_terms,
 from dbscan_reg_ros.core.registration.confidence.model import COEFFICIENTS, INTERCEPT
 from dbscan_reg_ros.core.registration.fit import fit
 from dbscan_reg_ros.core.registration.point_to_line import refine
+from dbscan_reg_ros.core.registration.problem import Problem
 from dbscan_reg_ros.core.registration.records import Evidence
 from dbscan_reg_ros.core.registration.residuals import Alignment
 from dbscan_reg_ros.core.registration.scoring import find_rivals
-from dbscan_reg_ros.core.registration.search import Problem
 from dbscan_reg_ros.core.registration.uncertainty import match_covariance
 
 P = Parameters()

@@ -6,13 +6,13 @@ from .oriented_points cimport BLOCK
 
 
 cdef struct PlacedPoints:
-    # Of each point of a block: place in the frame of the scan [m]; bin of the profile and `near` there [m]; and how far
-    # the point is `in_front`.
+    # Of each point of a block: place in the frame of the scan [m]; bin of the profile and `near` there [m]; and the
+    # violation of its free space, from 0 to 1, as `in_front` has it.
     Py_ssize_t size
     double[BLOCK] x
     double[BLOCK] y
     double[BLOCK] near
-    double[BLOCK] lost
+    double[BLOCK] violation
     int[BLOCK] bin
 
 
@@ -44,5 +44,5 @@ cdef inline int write_violations(PlacedPoints *seen, const double[::1] near, dou
     for k in range(size):
         seen.near[k] = near[seen.bin[k]]
     for k in range(size):
-        seen.lost[k] = in_front(seen.near[k], seen.x[k], seen.y[k], tolerance / inverse_noise[k])
+        seen.violation[k] = in_front(seen.near[k], seen.x[k], seen.y[k], tolerance / inverse_noise[k])
     return 0

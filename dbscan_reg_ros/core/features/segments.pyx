@@ -51,9 +51,10 @@ cdef struct Piece:
     double complex start
     double complex end
     double complex along
-    # Whether it is joined to the piece before, or meets the next in a corner, there.
-    bint joined
-    double complex meeting
+    # Whether it continues the line of the piece before; whether it meets the next in a corner, and where.
+    bint continues
+    bint meets
+    double complex corner
 
 
 cdef Segments extract_segments(const Surfaces *surfaces, const double *noise, parameters):
@@ -140,13 +141,13 @@ cdef Py_ssize_t join(const Surfaces *surfaces, const double *noise, const unsign
     for turn in range(JOINS):
         joined = 0
         for k in range(1, count):
-            pieces[k].joined = on_one_line(surfaces, noise, &pieces[k - 1], &pieces[k])
-            joined += pieces[k].joined
+            pieces[k].continues = on_one_line(surfaces, noise, &pieces[k - 1], &pieces[k])
+            joined += pieces[k].continues
         if not joined:
             break
         joined = 0
         for k in range(count):
-            if k and pieces[k].joined:
+            if k and pieces[k].continues:
                 append(&pieces[joined - 1], &pieces[k])
             else:
                 pieces[joined] = pieces[k]
@@ -232,22 +233,22 @@ cdef void find_corners(const Surfaces *surfaces, Piece *pieces, Py_ssize_t count
     cdef Py_ssize_t k, at
     cdef double sine, beyond, reach, half
     for k in range(count - 1):
-        pieces[k].joined = False
+        pieces[k].meets = False
         sine = cross(pieces[k].along, pieces[k + 1].along)
         if fabs(sine) < MIN_CORNER_SINE or pieces[k + 1].first - pieces[k].last > MAX_CORNER_POINTS:
             continue
         beyond = cross(pieces[k + 1].start - pieces[k].end, pieces[k + 1].along) / sine
-        pieces[k].meeting = pieces[k].end + beyond * pieces[k].along
+        pieces[k].corner = pieces[k].end + beyond * pieces[k].along
         reach = SAME + distance(point_of(surfaces, pieces[k + 1].first), point_of(surfaces, pieces[k].last))
         half = 0.5 * distance(pieces[k + 1].end, pieces[k + 1].start)
-        pieces[k].joined = (fabs(beyond) < reach and beyond > -0.5 * distance(pieces[k].end, pieces[k].start)
-                            and distance(pieces[k + 1].start, pieces[k].meeting) < min(reach, half))
+        pieces[k].meets = (fabs(beyond) < reach and beyond > -0.5 * distance(pieces[k].end, pieces[k].start)
+                            and distance(pieces[k + 1].start, pieces[k].corner) < min(reach, half))
         for at in range(pieces[k].last, pieces[k + 1].first):
             if surfaces.breaks[at]:
-                pieces[k].joined = False
+                pieces[k].meets = False
     for k in range(count - 1):
-        if pieces[k].joined:
-            pieces[k].end = pieces[k + 1].start = pieces[k].meeting
+        if pieces[k].meets:
+            pieces[k].end = pieces[k + 1].start = pieces[k].corner
 
 
 cdef Segments make_segments(const Surfaces *surfaces, const double *noise, Piece *pieces, Py_ssize_t count):
@@ -268,9 +269,9 @@ cdef Segments make_segments(const Surfaces *surfaces, const double *noise, Piece
             kind[k, 0] = KIND_FREE
         if last + 1 < surfaces.size and radius[last + 1] > radius[last] + (DEPTH_MARGIN + SIGMAS * noise[last]):
             kind[k, 1] = KIND_FREE
-        if k and pieces[k - 1].joined:
+        if k and pieces[k - 1].meets:
             kind[k, 0] = KIND_CORNER
-        if k + 1 < count and pieces[k].joined:
+        if k + 1 < count and pieces[k].meets:
             kind[k, 1] = KIND_CORNER
         sigma = 0.5 * (noise[first] + noise[last])
         sigma = sqrt(sigma * sigma + pieces[k].line.residual)

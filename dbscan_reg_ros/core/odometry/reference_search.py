@@ -11,8 +11,8 @@ from ..mapping.key_frame import KeyFrame
 from ..mapping.scan_to_map import expected_observability, information_along
 from ..parameters.tree import Parameters
 from ..registration.pipeline import register, register_within_gate
+from ..registration.problem import SearchStage
 from ..registration.records import Prior, Registration, Status
-from ..registration.search import SearchStage
 from ..registration.status import demoted_if_poor
 from .gate import Gate
 from .models.covariance import displacement_covariance

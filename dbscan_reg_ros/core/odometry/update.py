@@ -232,14 +232,18 @@ class _FoundScan:
         if registration.status is Status.OK:
             state.covariance.observe(state.motion.twist)
         is_key_frame = self._update_key_frames(aligned)
-        # Report, and learn from the motion.
+        # Report, and calibrate the wheels by the motion.
         pose = state.output.averaged(state.pose, sensor.first_covariance(covariance + added), interval.length,
                                      self._parameters.odometry.zero_velocity_gate)
         update = report(state, match.features, ReportedStep(
             pose=pose, interval=interval, status=registration.status, registration=registration,
             key_frame=match.key_frame, is_key_frame=is_key_frame, sensor=sensor,
             contradicted=gate.predictions.contradicted))
-        self._learn(before.inverse() @ state.pose)
+        ok = registration.status is Status.OK
+        observability = observability_ratio(registration, self._parameters.decision) if ok else 0.0
+        self._calibrate_wheels(before.inverse() @ state.pose, observability)
+        state.tracking = state.tracking._replace(mode=Mode.TRACKING, lost_time=0.0, observability=observability,
+                                                 score=match.registration.score, found=state.pose)
         return update
 
     def _update_key_frames(self, aligned: Aligned) -> bool:
@@ -274,21 +278,16 @@ class _FoundScan:
         state.output.rotate_heading(state.pose, rotation)
         state.covariance.reduce_heading(ratio)
 
-    def _learn(self, motion: SE2) -> None:
-        """Estimate the systematic errors of the external prior from the observed `motion`; set the mode to tracking."""
+    def _calibrate_wheels(self, motion: SE2, observability: float) -> None:
+        """Estimate the systematic errors of the external prior from the `motion`, as far as the scans constrain it."""
         state, predictions, sensor = self._state, self._gate.predictions, self._sensor
         external = predictions.external or predictions.contradicted
         distance = self._parameters.prior.calibration_distance
-        ok = self._registration.status is Status.OK
-        observability = observability_ratio(self._registration, self._parameters.decision) if ok else 0.0
         if external is not None and not distance:
             state.wheels = WheelCalibration()
         elif external is not None and not predictions.interval.gap:
             state.wheels.learn(sensor.first_prior(external), motion, min(state.tracking.observability, observability),
                                distance, self._gate.supports_external(sensor.pose_at(state.pose)))
-        state.tracking = state.tracking._replace(
-            mode=Mode.TRACKING, lost_time=0.0, observability=observability,
-            score=self._match.registration.score, found=state.pose)
 
 
 _MIN_CONSTRAINED = 0.2

@@ -10,9 +10,9 @@ from .clustering.translation import heaviest_motions, near_motions
 from .confidence.assessment import assess
 from .hypotheses import Candidates
 from .landmarks import landmark_motions
+from .problem import Problem, SearchStage
 from .ranking import rank_by_density
 from .records import Prior, Registration, Status, expect_prior
-from .search import Problem, SearchStage
 from .status import decide, failed
 
 

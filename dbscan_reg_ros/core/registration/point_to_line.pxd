@@ -78,7 +78,8 @@ cdef struct Hypothesis:
 
 
 cdef class Hypotheses:
-    # As many `rows` as `size` says, and place for `most`; `spare` is as long, and so is each row of work.
+    # As many `rows` as `size` says, and place for `most`; `spare` is as long, and so is each row of `number` and `index`,
+    # in which a function keeps what it sorts and chooses by: keys, indices, flags. Nothing is left there for another.
     cdef Hypothesis *block
     cdef Hypothesis *rows
     cdef Hypothesis *spare

@@ -85,7 +85,7 @@ cdef Hypotheses rank_coarsely(Search search, candidates):
     exempt, others = candidates
     if search.has_prior:
         found = Hypotheses(exempt, preselect(others, points, problem.reference.free_space, p.selection, p.density))
-        improve(search, found, search.own, search.coarse_scales, False)
+        improve(search, found, search.points, search.coarse_scales, False)
         return found
     cdef OrientedPoints some = sample(points, PRESELECTION_POINTS)
     found = Hypotheses(exempt, others)
@@ -93,12 +93,12 @@ cdef Hypotheses rank_coarsely(Search search, candidates):
     improve(search, found, some, search.coarse_scales, False)
     # One more step by all points: where the best has not converged, all are refined once more.
     pose = pose_at(found.rows[0].x, found.rows[0].y, found.rows[0].theta)
-    add_points(search.own, search.field, &pose, search.min_cosine, FINE_SCALE, &sums)
+    add_points(search.points, search.field, &pose, search.min_cosine, FINE_SCALE, &sums)
     solve_step(&sums, search.damping, step)
     if length_of(step[0], step[1]) < FINAL_SCALE:
         return found
     again = Hypotheses(found.motions())
-    improve(search, again, search.own, search.coarse_scales, False)
+    improve(search, again, search.points, search.coarse_scales, False)
     found.reserve(found.size + again.size)
     memcpy(&found.rows[found.size], again.rows, again.size * sizeof(Hypothesis))
     found.size += again.size
@@ -141,7 +141,7 @@ cdef int improve(Search search, Hypotheses found, OrientedPoints points, const d
     if both_ways:
         write_reverse_conflicts(search, found, found.number[0])
         for h in range(found.size):
-            found.rows[h].score -= search.against * found.number[0, h]
+            found.rows[h].score -= search.violation_weight * found.number[0, h]
     if search.has_prior:
         subtract_prior(search, found)
     return sort_by_score(search, found)
@@ -182,10 +182,10 @@ cdef int rank_finely(Search search, Hypotheses found) except -1:
     best = found.rows[0]
     add_shifted(search, found)
     if found.size > 1:
-        return improve(search, found, search.own, search.fine_scales, True)
+        return improve(search, found, search.points, search.fine_scales, True)
     if not search.problem.parameters.refinement.polish_iterations:
         # Only the pose is replaced.
-        refine_hypotheses(search.own, search.field, search.min_cosine, search.damping, search.fine_scales, found)
+        refine_hypotheses(search.points, search.field, search.min_cosine, search.damping, search.fine_scales, found)
         best.x, best.y, best.theta = found.rows[0].x, found.rows[0].y, found.rows[0].theta
         found.rows[0] = best
     return 0

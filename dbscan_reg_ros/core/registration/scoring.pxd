@@ -52,9 +52,10 @@ cdef inline void place_back(OrientedPoints points, Py_ssize_t first, Pose *pose,
 cdef class Comparison:
     cdef object problem
     cdef Lines field
-    cdef OrientedPoints own
-    cdef const double[::1] share, near
-    cdef double min_cosine, damping, score_scale, tolerance, against
+    # Sampled points of the current scan with their leverages; how far the reference saw, for each bin [m].
+    cdef OrientedPoints points
+    cdef const double[::1] leverage, free_space
+    cdef double min_cosine, damping, score_scale, tolerance, violation_weight
 
 
 cdef int write_scores(Comparison comparison, Hypotheses found) except -1 nogil

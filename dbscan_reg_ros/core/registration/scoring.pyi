@@ -5,8 +5,8 @@ from ..features.oriented_points import OrientedPoints
 from ..geometry.array_types import BoolArray, FloatArray
 from ..parameters.odometry import PriorParameters
 from ..parameters.registration import DensityParameters, SelectionParameters
+from .problem import Problem
 from .records import Prior
-from .search import Problem
 
 def find_rivals(candidates: FloatArray, direction: float | None) -> BoolArray: ...
 def scores(problem: Problem, candidates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]: ...

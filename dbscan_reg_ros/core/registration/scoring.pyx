@@ -52,12 +52,12 @@ cdef class Comparison:
     def __cinit__(self, problem):
         p, current = problem.parameters, problem.current
         self.problem, self.field = problem, lines_of(problem.reference.likelihood_field)
-        self.own, self.share = current.sampled_points, current.leverage
-        self.near = problem.reference.free_space.near
+        self.points, self.leverage = current.sampled_points, current.leverage
+        self.free_space = problem.reference.free_space.near
         self.min_cosine, self.damping = p.density.min_normal_cosine, p.refinement.damping
         self.score_scale, self.tolerance = scales.SCORE_SCALE, VIOLATION_TOLERANCE
-        self.against = p.density.violation_weight
-        if self.share.shape[0] != self.own.size:
+        self.violation_weight = p.density.violation_weight
+        if self.leverage.shape[0] != self.points.size:
             raise IndexError('arrays of different lengths')
 
 
@@ -89,7 +89,7 @@ cdef int write_scores(Comparison comparison, Hypotheses found) except -1 nogil:
     weighted fraction in free space.
     """
     cdef double value, overlap, conflict
-    cdef const double *share
+    cdef const double *leverage
     cdef Py_ssize_t h, first, k
     cdef Matches match
     cdef PlacedPoints seen
@@ -98,19 +98,21 @@ cdef int write_scores(Comparison comparison, Hypotheses found) except -1 nogil:
         pose = pose_at(found.rows[h].x, found.rows[h].y, found.rows[h].theta)
         value = overlap = conflict = 0.0
         first = 0
-        while first < comparison.own.size:
-            match_points(comparison.own, comparison.field, first, &pose, comparison.min_cosine, &match)
+        while first < comparison.points.size:
+            match_points(comparison.points, comparison.field, first, &pose, comparison.min_cosine, &match)
             weigh(&match, comparison.score_scale)
-            place(comparison.own, first, &pose, &seen)
-            write_violations(&seen, comparison.near, comparison.tolerance, &comparison.own.inverse_noise_view[first])
-            share = &comparison.share[first]
+            place(comparison.points, first, &pose, &seen)
+            write_violations(&seen, comparison.free_space, comparison.tolerance,
+                             &comparison.points.inverse_noise_view[first])
+            leverage = &comparison.leverage[first]
             for k in range(match.size):
-                value += (match.weight[k] - comparison.against * seen.lost[k] * (1.0 - match.weight[k])) * share[k]
+                value += (match.weight[k] - comparison.violation_weight * seen.violation[k]
+                          * (1.0 - match.weight[k])) * leverage[k]
                 overlap += match.weight[k]
-                conflict += seen.lost[k] * share[k]
+                conflict += seen.violation[k] * leverage[k]
             first += BLOCK
         found.rows[h].score, found.rows[h].conflict = value, conflict
-        found.rows[h].overlap = overlap / <double> max(comparison.own.size, 1)
+        found.rows[h].overlap = overlap / <double> max(comparison.points.size, 1)
     return 0
 
 
@@ -118,7 +120,7 @@ cdef int write_reverse_conflicts(Comparison comparison, Hypotheses found, double
     """Write the weighted fraction of the reference's points in free space of the current scan, of each hypothesis."""
     reference = comparison.problem.reference
     cdef OrientedPoints points = reference.sampled_points
-    cdef const double[::1] near = comparison.problem.current.free_space.near, share = reference.leverage
+    cdef const double[::1] near = comparison.problem.current.free_space.near, leverage = reference.leverage
     cdef Py_ssize_t h, first, k
     cdef double sum
     cdef PlacedPoints seen
@@ -131,7 +133,7 @@ cdef int write_reverse_conflicts(Comparison comparison, Hypotheses found, double
                 place_back(points, first, &pose, &seen)
                 write_violations(&seen, near, comparison.tolerance, &points.inverse_noise_view[first])
                 for k in range(seen.size):
-                    sum += share[first + k] * seen.lost[k]
+                    sum += leverage[first + k] * seen.violation[k]
                 first += BLOCK
             fraction[h] = sum
     return 0
@@ -158,7 +160,7 @@ def preselect(candidates, points, profile, parameters, density):
     cdef OrientedPoints some = sample(points, PRESELECTION_POINTS)
     cdef const double[:, :] motion = candidates
     cdef const double[::1] near = profile.near, far = profile.far
-    cdef double tolerance = parameters.preselection_tolerance, against = density.violation_weight, radius
+    cdef double tolerance = parameters.preselection_tolerance, weight = density.violation_weight, radius
     # Negative: the best come first.
     cdef double[::1] support = np.zeros(size)
     cdef Py_ssize_t[:, ::1] work = np.empty((2, size), np.intp)
@@ -175,7 +177,7 @@ def preselect(candidates, points, profile, parameters, density):
                     at, radius = seen.bin[k], length_of(seen.x[k], seen.y[k])
                     if near[at] > 0.0:
                         support[h] -= min(max(1.0 - max(near[at] - radius, radius - far[at]) / tolerance, 0.0), 1.0)
-                    support[h] += against * in_front(near[at], seen.x[k], seen.y[k], tolerance)
+                    support[h] += weight * in_front(near[at], seen.x[k], seen.y[k], tolerance)
                 first += BLOCK
         sort_up_to_rounding(support, work[0], work[1])
     return candidates[np.asarray(work[0, :most])]
@@ -199,7 +201,10 @@ def distinct(candidates, Py_ssize_t count, double distance, double angle):
 
 cdef Py_ssize_t choose_distinct(Hypotheses found, Py_ssize_t most, double most_apart, double angle,
                                 Py_ssize_t[::1] flag, Py_ssize_t[::1] chosen) except -1:
-    """Flag the first hypotheses that differ from all chosen before, by a distance or an angle; count them."""
+    """Choose the first hypotheses that differ from all chosen before, by a distance or an angle; return their number.
+
+    Their indices are written, and their flags set; other flags stay as they are.
+    """
     cdef Py_ssize_t k, i, count = 0
     cdef bint differs
     cdef Hypothesis *one
@@ -238,7 +243,7 @@ def search_degenerate_direction(candidates, angles, problem):
 cdef search_along(Comparison comparison, candidates, const double[::1] angles):
     """Shift each candidate ``(H, 3)`` along its angle [rad] to where the points that face it fit best."""
     cdef double last = comparison.score_scale
-    cdef OrientedPoints points = comparison.own
+    cdef OrientedPoints points = comparison.points
     cdef double least = scales.MIN_CROSSING_SINE, reach, step, scale
     cdef Py_ssize_t h
     shifted = np.array(candidates)
@@ -290,11 +295,11 @@ cdef int shift_along(Comparison comparison, OrientedPoints points, double angle,
             match_points(points, comparison.field, first, &pose, comparison.min_cosine, &match)
             weigh(&match, scale)
             place(points, first, &pose, &seen)
-            write_violations(&seen, comparison.near, comparison.tolerance, &points.inverse_noise_view[first])
+            write_violations(&seen, comparison.free_space, comparison.tolerance, &points.inverse_noise_view[first])
             for k in range(match.size):
                 component = match.nx[k] * c - match.ny[k] * s
                 value[n] += (match.weight[k] * component * component
-                             - comparison.against * seen.lost[k] * (1.0 - match.weight[k]))
+                             - comparison.violation_weight * seen.violation[k] * (1.0 - match.weight[k]))
             first += BLOCK
         value[n] -= TINY * fabs(shift)
     shift = shift_of(first_largest(value), step)

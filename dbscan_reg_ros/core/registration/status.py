@@ -15,9 +15,9 @@ from ..parameters.registration import DecisionParameters
 from .confidence.evidence import log_odds
 from .confidence.model import LIKELY, confidence, probability
 from .hypotheses import Assessment
+from .problem import Problem
 from .records import UNKNOWN_HEADING, Evidence, Hypothesis, Prior, Registration, Status
 from .residuals import PRIOR_INFORMATION, Observability
-from .search import Problem
 
 
 def decide(problem: Problem, assessed: Assessment) -> Registration:

@@ -12,7 +12,7 @@ cdef enum:
 
 cdef struct Limits:
     # Numbers of `DecisionParameters`.
-    double few, weak_prior, parallel_tolerance, covariance_scale, few_points_scale
+    double min_information, weak_prior, parallel_tolerance, covariance_scale, few_points_scale
 
 
 cdef struct Uncertainty:
@@ -27,5 +27,6 @@ cdef Uncertainty estimate(const double[:, ::1] table, double noise, Limits *limi
 cdef covariance_of(Uncertainty *found)
 cdef double wall_direction(const double[:, ::1] table) noexcept nogil
 cdef void make_walls_parallel(double[:, ::1] table, double angle) noexcept nogil
-cdef void write_parallel(double angle, Symmetric *information, double few, double *motion) noexcept nogil
+cdef void write_parallel(double angle, Symmetric *information, double min_information,
+                         double *motion) noexcept nogil
 cdef bint is_corridor_like(Symmetric *information, double angle) noexcept nogil

@@ -106,27 +106,27 @@ cdef Uncertainty estimate(const double[:, ::1] table, double noise, Limits *limi
     cdef double[3] motion = [0.0, 0.0, 0.0]
     cdef Weakest weakest, seeming
     cdef Rotation rotation, noisy
-    cdef double chance, excess
+    cdef double chance, remaining
     cdef Uncertainty found
     shared = shared_of(table, motion, 0.0)
     weakest = weakest_of(&shared)
     if weakest.weak < limits.weak_prior and is_corridor_like(&shared, weakest.angle):
-        write_parallel(weakest.angle, &shared, limits.few, motion)
+        write_parallel(weakest.angle, &shared, limits.min_information, motion)
         shared = shared_of(table, motion, limits.parallel_tolerance)
         weakest = weakest_of(&shared)
     # Where only noise constrains the rotation, as much of it as agrees by chance is subtracted.
-    rotation = constrained_rotation(&shared, &information, limits.few)
-    noisy = constrained_rotation(&information, &information, limits.few)
+    rotation = constrained_rotation(&shared, &information, limits.min_information)
+    noisy = constrained_rotation(&information, &information, limits.min_information)
     chance = SIGMAS * sqrt(DEPENDENT / max(spread.count, 1.0))
-    excess = max(rotation.information - chance * max(noisy.information - rotation.information, 0.0), 0.0)
+    remaining = max(rotation.information - chance * max(noisy.information - rotation.information, 0.0), 0.0)
     if latest_degenerate:
         seeming = weakest_of(&information)
         weakest.weak = max(weakest.weak - chance * (seeming.weak - weakest.weak), 0.0)
     if rotation_unobservable:
-        excess = 0.0
-    found.angle, found.weak, found.rotation = weakest.angle, weakest.weak, excess
+        remaining = 0.0
+    found.angle, found.weak, found.rotation = weakest.angle, weakest.weak, remaining
     write_calibrated(&information, &shared, spread.squares / max(spread.count, TINY) + noise * noise, &weakest,
-                     excess < limits.few, &rotation, limits, found.covariance)
+                     remaining < limits.min_information, &rotation, limits, found.covariance)
     turn(found.covariance, -theta)
     return found
 
@@ -136,9 +136,10 @@ cdef struct Rotation:
     double information, x, y
 
 
-cdef Rotation constrained_rotation(Symmetric *shared, Symmetric *information, double few) noexcept nogil:
+cdef Rotation constrained_rotation(Symmetric *shared, Symmetric *information,
+                                   double min_information) noexcept nogil:
     """Find how well the `shared` information constrains the rotation, for an unknown translation."""
-    cdef double xx = information.xx + few, yy = information.yy + few, xy = information.xy
+    cdef double xx = information.xx + min_information, yy = information.yy + min_information, xy = information.xy
     cdef double determinant = xx * yy - xy * xy
     cdef double x = (xy * shared.yt - yy * shared.xt) / determinant, y = (xy * shared.xt - xx * shared.yt) / determinant
     return Rotation(shared.tt + x * shared.xt + y * shared.yt, x, y)
@@ -162,8 +163,8 @@ cdef void write_calibrated(Symmetric *information, Symmetric *shared, double var
                           information.yt / variance, information.tt / variance + PRIOR_INFORMATION[2])
     posterior = inverse_of(&posterior)
     write_rows(&posterior, covariance)
-    write_degenerate(weakest.angle, shared, limits.few, along)
-    if weakest.weak >= limits.few:
+    write_degenerate(weakest.angle, shared, limits.min_information, along)
+    if weakest.weak >= limits.min_information:
         extra = min(variance * limits.few_points_scale / (weakest.weak * weakest.weak), extra)
     for i in range(3):
         for j in range(3):
@@ -178,18 +179,20 @@ cdef double translational(Symmetric *information, double angle) noexcept nogil:
     return c * c * information.xx + 2.0 * c * s * information.xy + s * s * information.yy
 
 
-cdef void write_degenerate(double angle, Symmetric *shared, double few, double *along) noexcept nogil:
+cdef void write_degenerate(double angle, Symmetric *shared, double min_information,
+                           double *along) noexcept nogil:
     """Write a translation of 1 m along `angle` [rad], and the rotation [rad] that goes with it."""
     cdef double c = cos(angle), s = sin(angle)
     along[0], along[1], along[2] = c, s, 0.0
-    if min(translational(shared, angle), shared.tt) > few:
+    if min(translational(shared, angle), shared.tt) > min_information:
         along[2] = -(shared.xt * c + shared.yt * s) / shared.tt
 
 
-cdef void write_parallel(double angle, Symmetric *information, double few, double *motion) noexcept nogil:
+cdef void write_parallel(double angle, Symmetric *information, double min_information,
+                         double *motion) noexcept nogil:
     """Write the motion along `angle` [rad] that walls of a corridor are parallel to: a translation of 1 m or an arc."""
     cdef double straight = translational(information, angle), bend
-    write_degenerate(angle, information, few, motion)
+    write_degenerate(angle, information, min_information, motion)
     bend = information.xt * motion[0] + information.yt * motion[1]
     if straight + motion[2] * bend >= CORRIDOR_RATIO * straight:
         motion[2] = 0.0

@@ -14,8 +14,8 @@ from dbscan_reg_ros.core.registration.confidence.assessment import evidence_of
 from dbscan_reg_ros.core.registration.confidence.evidence import evidence_terms
 from dbscan_reg_ros.core.registration.confidence.model import COEFFICIENTS, confidence
 from dbscan_reg_ros.core.registration.pipeline import register
+from dbscan_reg_ros.core.registration.problem import Problem, SearchStage
 from dbscan_reg_ros.core.registration.records import Status
-from dbscan_reg_ros.core.registration.search import Problem, SearchStage
 from dbscan_reg_ros.simulation import LIDARS
 
 from ..intel import Intel

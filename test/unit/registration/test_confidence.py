@@ -11,7 +11,7 @@ from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.registration.confidence.assessment import evidence_of
 from dbscan_reg_ros.core.registration.confidence.evidence import log_odds
 from dbscan_reg_ros.core.registration.confidence.model import confidence, probability
-from dbscan_reg_ros.core.registration.search import Problem
+from dbscan_reg_ros.core.registration.problem import Problem
 
 ROOM = outline(L_ROOM)
 START, END = SE2(0.2, 0.1, 0.3), SE2(-0.5, 0.4, 0.9)

@@ -13,7 +13,7 @@ from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.poles import find_small_objects
 from dbscan_reg_ros.core.registration.landmarks import landmark_motions
 from dbscan_reg_ros.core.registration.pipeline import register
-from dbscan_reg_ros.core.registration.search import SearchStage
+from dbscan_reg_ros.core.registration.problem import SearchStage
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 from dbscan_reg_ros.recordings.poses import compose

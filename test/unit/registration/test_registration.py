@@ -9,7 +9,7 @@ from rooms import FULL, L_ROOM, look, outline
 from dbscan_reg_ros import SE2, Parameters, Prior, Scan, ScanGeometry, Status, register
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.registration.pipeline import search_near
-from dbscan_reg_ros.core.registration.search import Problem, SearchStage
+from dbscan_reg_ros.core.registration.problem import Problem, SearchStage
 
 ROOM = outline(L_ROOM)
 

@@ -11,6 +11,7 @@ from dbscan_reg_ros import SE2, Parameters, Prior
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.parameters.registration import SCORE_SCALE
 from dbscan_reg_ros.core.registration.hypotheses import Candidates
+from dbscan_reg_ros.core.registration.problem import Problem
 from dbscan_reg_ros.core.registration.ranking import rank_by_density
 from dbscan_reg_ros.core.registration.scoring import (
     distinct,
@@ -19,7 +20,6 @@ from dbscan_reg_ros.core.registration.scoring import (
     scores,
     search_degenerate_direction,
 )
-from dbscan_reg_ros.core.registration.search import Problem
 
 ALIKE = Parameters().replace({'advanced.density.leverage_ridge': 1000.0, 'advanced.density.max_points': 1000})
 """Every point counts the same, and all of them."""

@@ -12,9 +12,9 @@ from dbscan_reg_ros.core.parameters.registration import DecisionParameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.confidence.assessment import assess
 from dbscan_reg_ros.core.registration.point_to_line import Hypotheses
+from dbscan_reg_ros.core.registration.problem import Problem
 from dbscan_reg_ros.core.registration.records import Hypothesis, Prior, Registration, Status
 from dbscan_reg_ros.core.registration.scoring import find_rivals
-from dbscan_reg_ros.core.registration.search import Problem
 from dbscan_reg_ros.core.registration.status import decide, demoted_if_weak, rival_covariance
 
 ROOM = outline(L_ROOM)

@@ -26,7 +26,7 @@ from ..views cimport Lines, lines_of
 from .evidence cimport Findings, Scene, collect, odds_of, prior_gain
 
 
-cdef class Judge:
+cdef class Assessor:
     """What hypotheses are assessed by: both scans, and parameters as numbers."""
 
     cdef object problem
@@ -95,7 +95,7 @@ def assess(problem, Hypotheses found):
     Assessment
     """
     d = problem.parameters.decision
-    cdef Judge judge = Judge(problem)
+    cdef Assessor assessor = Assessor(problem)
     cdef Uncertainty of_best
     cdef Findings evidence
     cdef Py_ssize_t h
@@ -104,30 +104,30 @@ def assess(problem, Hypotheses found):
                                                      found.index[1]))
     if found.size > 1:
         for h in range(found.size):
-            judge.examine(&found.rows[h], False, &evidence)
+            assessor.examine(&found.rows[h], False, &evidence)
             found.number[0, h] = -(found.rows[h].odds if problem.prior is None else found.rows[h].score)
         sort_up_to_rounding(found.number[0, :found.size], found.index[0], found.index[1])
         found.select(found.index[0], found.size)
-    of_best = judge.examine(&found.rows[0], True, &evidence)
+    of_best = assessor.examine(&found.rows[0], True, &evidence)
     hypotheses = tuple([Hypothesis(SE2(row.x, row.y, wrap(row.theta)), row.score, row.odds)
                         for row in found.rows[:found.size]])
     rivals = ()
     if found.size > 1:
-        direction = of_best.angle if of_best.weak < judge.limits.few else None
+        direction = of_best.angle if of_best.weak < assessor.limits.min_information else None
         rivals = tuple(compress(hypotheses, find_rivals(found.motions(), direction)))
     return Assessment(hypotheses, rivals, found.rows[0].overlap, covariance_of(&of_best),
                       Observability(of_best.angle, of_best.weak, of_best.rotation), Evidence(**evidence),
-                      (judge.agreement.shared, judge.agreement.seen))
+                      (assessor.agreement.shared, assessor.agreement.seen))
 
 
 def evidence_of(problem, candidates):
     """Return the `Evidence` (list) for each of the hypotheses ``(H, 3)`` [m, m, rad]."""
-    cdef Judge judge = Judge(problem)
+    cdef Assessor assessor = Assessor(problem)
     cdef Hypotheses found = Hypotheses(candidates)
     cdef Findings evidence
     cdef Py_ssize_t h
     collected = []
     for h in range(found.size):
-        judge.examine(&found.rows[h], False, &evidence)
+        assessor.examine(&found.rows[h], False, &evidence)
         collected.append(Evidence(**evidence))
     return collected

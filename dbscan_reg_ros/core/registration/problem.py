@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records of a search: the problem, and its stages."""
+"""The problem of a registration: both scans, parameters and prior; and the stages of its search."""
 import dataclasses
 from dataclasses import dataclass
 from enum import Enum
