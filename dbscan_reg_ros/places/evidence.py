@@ -3,16 +3,17 @@
 
 Each square of a drive counts once, however many scans saw it. A hypothesis is right, or a place that suits the drive by
 chance. Of the returns of a drive, a share lies on the surfaces of the map at its pose. This share is not known, but
-distributed: narrowly at the right pose, less narrowly at the right pose in a part of the building that has changed
-since, and broadly where the pose is wrong. A corridor suits many corridors, so that the share at wrong poses is high at
-some places and low at others: it is one unknown of the drive, and the best of the other poses in the map show it. What
-suits two poses well suits a place outside the map as well, unless it suits both so well that one is a copy of the
-other. Between a place and its copy a few returns do not decide: of the copy, too, some are not as they were mapped.
+distributed: narrowly at the right pose, as little of a building changes after it was mapped, and broadly where the pose
+is wrong. A corridor suits many corridors, so that the share at wrong poses is high at some places and low at others:
+its mean is one unknown of the drive, about which the shares at the best wrong poses scatter a little. The best of the
+other poses in the map show it: what suits several poses well suits a place outside the map as well, unless it suits
+two so well that one is a copy of the other. Between a place and its copy a few returns do not decide: of the copy, too,
+some are not as they were mapped.
 
-The constants of changes and of wrong poses maximise the mean log-probability of the truth on one simulated floor, with
-lidars of 180 and 360 deg, for drives on it as mapped and changed, and for drives on another floor. The others were set
-by hand: no return alone may tell two equal places apart, and maps differ in what they leave out. On a second floor and
-on recordings, hypotheses with a probability of 0.95 and more were right.
+The constants of shares maximise the mean log-probability of the truth, each drive counting as much as another, on two
+simulated floors, as mapped and changed, with lidars of 180 and 360 deg, on recordings in one building, and outside:
+on further floors, in another building, and where the map lacks the place. The others were set by hand: no return alone
+may tell two equal places apart. On a third floor, where nothing was set, the mean log-probability was as good.
 """
 import numpy as np
 from numpy.typing import NDArray
@@ -20,16 +21,17 @@ from scipy.special import betaln, logsumexp, xlogy
 
 INDEPENDENT = 2.0
 """Number of returns, a tenth of a metre apart, that are as good as one that depends on no other."""
-RIGHT = 0.99, 75.0
+RIGHT = 0.99, 35.0
 """Mean of the share of returns on surfaces at the right pose, and the strength of this mean, in independent returns."""
-CHANGED = 0.93, 50.0
-"""The same where the building has changed since it was mapped."""
-HAS_CHANGED = 0.03
-"""Probability that it has."""
-WRONG = 0.68, 9.0
-"""Mean and strength of the share at the best wrong poses."""
-HOW_KNOWN, HOW_UNKNOWN = (0.15, 5.0), (0.4, 3.0)
-"""Mean of the share of returns into the unknown, and its strength, at the right pose and at the best wrong ones."""
+WRONG = 0.55, 10.6
+"""Mean and strength of the mean share at the best wrong poses of a drive."""
+SCATTER = 275.0
+"""Strength of this mean: how alike the shares at the best wrong poses of one drive are."""
+OTHERS = 3
+"""Number of the best of the other places that show this mean."""
+HOW_KNOWN, HOW_UNKNOWN = (0.05, 5.0), (0.35, 2.0)
+"""Mean of the share of free squares that the map does not know, and its strength, at the right pose and at wrong ones:
+a drive sees mostly what the drive of the map saw."""
 COPIED = 0.005
 """Probability that another place in the map is a copy of the right one."""
 FOUND = 0.97
@@ -39,7 +41,7 @@ ALIKE = 0.1
 INSIDE = 0.5
 """Probability that the sensor is in the map, before anything was seen."""
 SHARES = 1.0 / (1.0 + np.exp(-np.arange(-4.0, 7.5, 0.5)))
-"""Shares (S,) at the best wrong poses of a drive over which is summed, evenly spaced in their log-odds."""
+"""Mean shares (S,) at the best wrong poses of a drive over which is summed, evenly spaced in their log-odds."""
 PRIOR = xlogy(WRONG[0] * WRONG[1], SHARES) + xlogy((1.0 - WRONG[0]) * WRONG[1], 1.0 - SHARES)
 """Logarithm of the probability (S,) of each, up to a constant."""
 PRIOR -= logsumexp(PRIOR)
@@ -54,9 +56,10 @@ def log_odds(counts: NDArray[np.float64]) -> NDArray[np.float64]:
         Those of `Matcher.count`.
     """
     right, wrong = _likelihoods(counts)
-    first, *others = np.argsort(logsumexp(PRIOR + wrong, axis=1) - right, kind='stable')[:2]
-    # A place that is not the right one: wrong, or a copy of it.
-    other = np.logaddexp(np.log(1.0 - COPIED) + wrong, np.log(COPIED) + right[:, None])
+    first, *others = np.argsort(logsumexp(PRIOR + wrong, axis=1) - right, kind='stable')[:1 + OTHERS]
+    # A place that is not the right one: wrong, or the one that is a copy of it.
+    copied = COPIED / max(len(counts) - 1, 1)
+    other = np.logaddexp(np.log(1.0 - copied) + wrong, np.log(copied) + right[:, None])
     none = logsumexp(PRIOR + wrong[first] + wrong[others].sum(axis=0))
     # Of the best and each other place one is right, and the other one is not.
     against = right - logsumexp(PRIOR + other, axis=1)
@@ -74,12 +77,11 @@ def log_odds_alone(counts: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _likelihoods(counts):
     """Return the log-likelihoods at the right pose (H,), and at a wrong one for each of the `SHARES` (H, S)."""
-    on, off, unknown, _, blocked, _ = counts.T / INDEPENDENT
-    known = on + off + blocked
-    right = (np.logaddexp(np.log(1.0 - HAS_CHANGED) + _chance(on, known, *RIGHT),
-                          np.log(HAS_CHANGED) + _chance(on, known, *CHANGED))
-             + _chance(unknown, known + unknown, *HOW_KNOWN) - _chance(unknown, known + unknown, *HOW_UNKNOWN))
-    return right, on[:, None] * np.log(SHARES) + (known - on)[:, None] * np.log(1.0 - SHARES)
+    on, off, _, free, blocked, unknown = counts.T / INDEPENDENT
+    known, squares = on + off + blocked, free + blocked + unknown
+    right = (_chance(on, known, *RIGHT)
+             + _chance(unknown, squares, *HOW_KNOWN) - _chance(unknown, squares, *HOW_UNKNOWN))
+    return right, _chance(on[:, None], known[:, None], SHARES, SCATTER)
 
 
 def _chance(count, total, mean, strength):
@@ -98,10 +100,9 @@ def probabilities(odds: NDArray[np.float64], scans: int) -> tuple[NDArray[np.flo
     inside : (H,) float
     missed, outside : float
     """
-    likelihood = np.exp(np.clip(odds, -50.0, 50.0))
-    unfound = (1.0 - FOUND) ** scans
-    weight = INSIDE * (1.0 - unfound) * likelihood
+    inside = np.log(INSIDE * (1.0 - (1.0 - FOUND) ** scans)) + odds
     # A place that was not found yet may suit the drive as well as the best.
-    missed = INSIDE * unfound * (1.0 + ALIKE * likelihood.max())
-    total = weight.sum() + missed + 1.0 - INSIDE
-    return weight / total, missed / total, (1.0 - INSIDE) / total
+    missed = np.log(INSIDE) + scans * np.log(1.0 - FOUND) + np.logaddexp(0.0, np.log(ALIKE) + odds.max())
+    weights = np.append(inside, (missed, np.log(1.0 - INSIDE)))
+    *found, missed, outside = np.exp(weights - logsumexp(weights))
+    return np.array(found), float(missed), float(outside)
