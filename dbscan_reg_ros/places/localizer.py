@@ -53,7 +53,7 @@ a new search. One scan, of which people may hide much, has to outweigh the odds 
 DRAWN = 200
 """Number of poses that are drawn from the covariance of a pose that is given."""
 LOST = np.diag((10.0, 10.0, math.pi)) ** 2
-"""Covariance [m, m, rad] of the pose once it is no longer known."""
+"""Covariance [m, m, rad] of the pose once the scans have contradicted it."""
 DRIFT = np.diag((0.01, 0.01, 0.002)) ** 2
 """Covariance [m, m, rad] of the odometry from one scan that is used to the next."""
 OF_MAP = np.diag((0.03, 0.03, 0.005)) ** 2
@@ -118,6 +118,9 @@ class Localizer:
         Those of the odometry.
     """
 
+    _covariance: NDArray[np.float64] | None
+    """Of the pose in the map, for the position of the point `_middle` of the odometry frame; None: it may be any."""
+
     def __init__(self, known: Map | Grid, parameters: Parameters = Parameters()) -> None:
         expect_parameters(parameters)
         if not isinstance(known, Grid):
@@ -131,6 +134,7 @@ class Localizer:
     def reset(self) -> None:
         """Forget the pose: the next scan begins a new search, as in a new odometry."""
         self._transform: NDArray[np.float64] | None = None
+        self._failed = False
         self._forget()
 
     def search(self) -> None:
@@ -167,16 +171,23 @@ class Localizer:
         """
         if update.starts_track:
             self._forget()
-        pose = update.pose.as_array()
-        if update.status is not Status.FAILED and not update.waits and self._moved(pose):
+        pose, failed = update.pose.as_array(), update.status is Status.FAILED
+        # After a scan whose motion is not known, the next one shows whether the pose is still right.
+        if not failed and not update.waits and (self._failed or self._moved(pose)):
+            spread = None if self._covariance is None else self._spread(update)
             if self._stops and (self._motion_covariance(update).diagonal() > UNCERTAIN).any():
                 self._forget()
+                self._covariance = None if spread is None else spread + np.diag(UNCERTAIN)
+                self._middle = pose[:2]
+            elif self._state is not State.LOCALISED:
+                self._covariance, self._middle = spread, pose[:2]
             self._stops.append(Stop.of(update.scan_pose, update.features))
             self._used, self._odometry_covariance = pose, update.covariance
             if self._state is State.LOCALISED:
                 self._track()
             else:
                 self._search(update.features)
+        self._failed = failed
         return self._report(update)
 
     def candidates(self, features: Features) -> NDArray[np.float64]:
@@ -200,6 +211,7 @@ class Localizer:
         self._hypotheses = np.empty((0, DOF))
         self._probabilities, self._elsewhere, self._searched = np.empty(0), 1.0, 0
         self._state = State.SEARCHING
+        self._covariance = None
         # Where a pose that was given may be: of the odometry frame in the map; none once the scans confirm it.
         self._given = np.empty((0, DOF))
 
@@ -291,20 +303,27 @@ class Localizer:
         return _Fit(aligned.poses[best[0]], aligned.covariance(best[0]), aligned.middle, float(odds.max()),
                     bool(share[0] / share.sum() >= CERTAIN and odds[best[0]] > 0.0))
 
-    def _placed(self, update: OdometryUpdate) -> tuple[SE2, NDArray[np.float64]]:
-        """Return the transform at a scan whose motion the odometry does not know, and the covariance of the pose.
+    def _placed(self, update: OdometryUpdate) -> tuple[State, SE2, NDArray[np.float64]]:
+        """Return the state, the transform and the covariance at a scan whose motion the odometry does not know.
 
-        If the scan suits the map at one place near the predicted pose, it is there.
+        If the scan suits the map at one place near the predicted pose, it is there; if at none, it may be anywhere.
         """
         assert self._transform is not None
         transform, pose = SE2.from_array(self._transform), update.pose.as_array()
-        spread = (_carried(self._covariance, self._transform, pose[:2] - self._middle) + OF_MAP + np.diag(UNCERTAIN)
-                  + turned(self._motion_covariance(update), self._transform[2]))
+        spread = self._spread(update) + OF_MAP + np.diag(UNCERTAIN)
         drive = Drive.of([Stop.of(update.scan_pose, update.features)])
         fit = self._fit(_drawn(transform @ update.pose, spread, update.pose.inverse()), drive, pose, spread)
         if not fit.is_sure:
-            return transform, spread
-        return SE2.from_array(fit.transform), _carried(fit.covariance, fit.transform, pose[:2] - fit.middle) + OF_MAP
+            return State.SEARCHING, transform, LOST if fit.odds < -2.0 * SURE else spread
+        return (State.LOCALISED, SE2.from_array(fit.transform),
+                _carried(fit.covariance, fit.transform, pose[:2] - fit.middle) + OF_MAP)
+
+    def _spread(self, update: OdometryUpdate) -> NDArray[np.float64]:
+        """Return the covariance (3, 3) of the pose in the map at an update, without that of the map itself."""
+        assert self._transform is not None and self._covariance is not None
+        offset = np.array((update.pose.x, update.pose.y)) - self._middle
+        return (_carried(self._covariance, self._transform, offset)
+                + turned(self._motion_covariance(update), self._transform[2]))
 
     def _motion_covariance(self, update: OdometryUpdate) -> NDArray[np.float64]:
         """Return the covariance (3, 3) of the motion since the last scan that was used, in the odometry frame."""
@@ -317,14 +336,12 @@ class Localizer:
         hypotheses = list(zip(places, self._probabilities.tolist(), strict=False))
         if self._transform is None:
             return Localization(self._state, None, None, None, hypotheses, self._elsewhere)
-        transform, covariance = SE2.from_array(self._transform), LOST
-        if self._state is State.LOCALISED:
-            if update.status is Status.FAILED:
-                transform, covariance = self._placed(update)
-            else:
-                offset = np.array((update.pose.x, update.pose.y)) - self._middle
-                covariance = _carried(self._covariance, self._transform, offset) + OF_MAP
-        return Localization(self._state, transform, transform @ update.pose, covariance, hypotheses, self._elsewhere)
+        state, transform, covariance = self._state, SE2.from_array(self._transform), LOST
+        if self._state is State.LOCALISED and update.status is Status.FAILED:
+            state, transform, covariance = self._placed(update)
+        elif self._covariance is not None:
+            covariance = self._spread(update) + OF_MAP
+        return Localization(state, transform, transform @ update.pose, covariance, hypotheses, self._elsewhere)
 
 
 class _Fit(NamedTuple):

@@ -178,6 +178,37 @@ def test_the_map_places_a_scan_whose_motion_the_odometry_does_not_know(floor):
         assert found.state is State.LOCALISED and math.hypot(error.x, error.y) < 0.1 and abs(error.theta) < 0.02
 
 
+def sigma(found):
+    return math.sqrt(found.covariance[0, 0])
+
+
+def test_the_scan_after_a_failed_one_shows_that_the_robot_was_carried(floor):
+    localizer = Localizer(grid_of(floor))
+    truth, updates = driven(floor, floor.tour[6:4:-1])
+    _, elsewhere = driven(floor, floor.tour[2:4])
+    localizer.set_pose(SE2.from_array(truth[0]), 1e-4 * np.eye(3), updates[0])
+    assert [localizer.process(update).state for update in updates[1:6]] == [State.LOCALISED] * 5
+    for status in (Status.FAILED, Status.OK):
+        there = dataclasses.replace(updates[5], features=elsewhere[0].features, status=status)
+        found = localizer.process(there)
+        assert found.state is State.SEARCHING and sigma(found) == 10.0
+
+
+def test_the_covariance_grows_as_that_of_the_odometry(floor):
+    localizer = Localizer(grid_of(floor))
+    truth, updates = driven(floor, floor.tour[6:4:-1])
+    localizer.set_pose(SE2.from_array(truth[0]), 1e-4 * np.eye(3), updates[0])
+    for update in updates[1:6]:
+        localizer.process(update)
+    doubtful = [dataclasses.replace(updates[5], covariance=updates[5].covariance + np.diag((error, error, 0.0)) ** 2)
+                for error in (0.3, 1.0)]
+    found = localizer.process(doubtful[0])
+    assert found.state is State.LOCALISED and sigma(found) == pytest.approx(0.3, abs=0.05)
+    person = extract_features(Scan(0, np.full(12, 0.8), ScanGeometry(-0.3, 0.05, 12, 0.0, 30.0)))
+    found = localizer.process(dataclasses.replace(doubtful[1], pose=updates[5].pose @ SE2(0.4), features=person))
+    assert found.state is not State.LOCALISED and 1.0 <= sigma(found) < 1.3
+
+
 def test_an_unknown_heading_of_the_odometry_joins_its_scans_as_well_as_a_known_one(floor):
     localizer = Localizer(grid_of(floor))
     _, updates = driven(floor, floor.tour[6:4:-1])
