@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several sensors on one rigid body: transforms of poses, twists and covariances between them."""
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -93,7 +93,8 @@ def _seen_from(pose: SE2, prior: Prior) -> Prior:
     """Return the prior for the motion of a frame that is at `pose` in another frame, from a `prior` for the latter."""
     adjoint = pose.inverse().adjoint()
     change = None if prior.velocity_change is None else _carried(adjoint, prior.velocity_change)
-    return Prior(pose.inverse() @ prior.transform @ pose, _carried(adjoint, prior.covariance), change)
+    return replace(prior, transform=pose.inverse() @ prior.transform @ pose,
+                   covariance=_carried(adjoint, prior.covariance), velocity_change=change)
 
 
 FIRST = Sensor()

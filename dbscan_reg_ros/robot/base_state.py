@@ -2,7 +2,7 @@
 """State of the robot's base, computed from the pose and twist of the lidar mounted on it."""
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,8 +111,7 @@ def external_prior(driven: Prior | None, rotation: SE2 | None, predict: Callable
 
 def base_motion(prior: Prior, before: Mounting, after: Mounting) -> Prior:
     """Return the motion of the base that follows from a `prior` of a sensor; the covariance is not converted."""
-    return Prior(before.aligned_pose @ prior.transform @ after.aligned_pose.inverse(), prior.covariance,
-                 prior.velocity_change)
+    return replace(prior, transform=before.aligned_pose @ prior.transform @ after.aligned_pose.inverse())
 
 
 def sensor_prior(base: Prior, before: Mounting, after: Mounting) -> Prior:
@@ -121,5 +120,5 @@ def sensor_prior(base: Prior, before: Mounting, after: Mounting) -> Prior:
     `before` and `after` are the mounting of the sensor on the base at either scan.
     """
     adjoint = after.aligned_pose.inverse().adjoint()
-    return Prior(before.aligned_pose.inverse() @ base.transform @ after.aligned_pose,
-                 adjoint @ base.covariance @ adjoint.T, base.velocity_change)
+    return replace(base, transform=before.aligned_pose.inverse() @ base.transform @ after.aligned_pose,
+                   covariance=adjoint @ base.covariance @ adjoint.T)

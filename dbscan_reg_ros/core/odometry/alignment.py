@@ -41,9 +41,9 @@ class Aligned(NamedTuple):
     correspondences: Correspondences | None
 
     def motion_constraints(self, prior: Prior, registration: Registration) -> MotionConstraints:
-        """Return the constraints for the motion model; an external prior constrains the velocity in every direction."""
+        """Return the constraints for the motion model; a measured translation is one in every direction."""
         return MotionConstraints(self.direction if self.constrained < 1.0 else None,
-                                 1.0 if prior.velocity_change is None else self.constrained,
+                                 1.0 if prior.measures_translation else self.constrained,
                                  registration.rotation_unobservable)
 
 

@@ -87,15 +87,15 @@ def predict(state: TrackState, prior: Prior | None, interval: ScanInterval, para
     ----------
     state : TrackState
     prior : Prior or None
-        Motion since the last scan from an external source. A prior with a `Prior.velocity_change` is the prediction of
-        the motion model, its rotation replaced by an external one.
+        Motion since the last scan from an external source; one that does not measure the translation is the prediction
+        of the motion model with the rotation of a gyroscope.
     interval : ScanInterval
     parameters : Parameters
     """
     motion = _prediction(state, state.motion.predict(interval, parameters), parameters)
     if prior is None:
         return Predictions(motion, motion, None, interval, state.motion.unconstrained_time)
-    external = prior if prior.velocity_change is None else None
+    external = prior if prior.measures_translation else None
     best = _prediction(state, prior if external is None else state.wheels.corrected(external), parameters)
     return Predictions(best, motion, external, interval, state.motion.unconstrained_time)
 

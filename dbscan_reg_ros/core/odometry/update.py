@@ -116,7 +116,7 @@ def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p
     predicted, interval = sensor.first_at(predictions.best.pose), predictions.interval
     lost_time = state.tracking.lost_time + max(interval.length, interval.elapsed)
     if lost_time > p.odometry.restart_time or interval.jump:
-        pose = state.pose if predictions.external is None else predicted
+        pose = state.pose if predictions.by_motion_model else predicted
         lost, state.pose = state.map_before_gap(interval), pose
         return start(state, features, interval.reason or f'lost for {lost_time:.1f} s', sensor, lost_time, lost)
     lost, mode = state.lost_map_after(interval), Mode.COASTING

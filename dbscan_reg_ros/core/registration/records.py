@@ -2,7 +2,7 @@
 """Records of a registration: status, hypotheses, evidence, prior, result."""
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
 from typing import NamedTuple
@@ -189,8 +189,11 @@ class Prior:
     covariance : (3, 3) float
         Covariance of (x, y, theta), as in `Registration`; it must be positive definite.
     velocity_change : (3, 3) float or None
-        For a prediction of the motion model: the part of the covariance that is due to a change of the velocity. None
-        for an external prior.
+        The part of the covariance that is due to a change of the velocity since the last scan; None if the velocity
+        was not used or is unknown.
+    measures_translation : bool
+        Whether an external source measured the translation, as wheels do; false if the motion model predicts it, also
+        with the rotation of a gyroscope.
 
     Raises
     ------
@@ -201,6 +204,7 @@ class Prior:
     transform: SE2
     covariance: FloatArray
     velocity_change: FloatArray | None = None
+    measures_translation: bool = True
 
     def __post_init__(self) -> None:
         expect('transform', self.transform, SE2, 'SE2(x, y, theta) [m, m, rad]')
@@ -231,7 +235,8 @@ class Prior:
         translation = np.diag((1.0, 1.0, 0.0))
         covariance = translation @ self.covariance @ translation + np.diag((0.0, 0.0, sigma * sigma))
         change = None if self.velocity_change is None else translation @ self.velocity_change @ translation
-        return Prior(SE2(chord.x, chord.y, wrap(rotation)), covariance, change)
+        return replace(self, transform=SE2(chord.x, chord.y, wrap(rotation)), covariance=covariance,
+                       velocity_change=change)
 
 
 def expect_prior(value: object) -> None:

@@ -129,12 +129,13 @@ def test_a_measured_rotation_bends_the_arc_and_keeps_its_covariance(before, turn
     def arc(turned):
         chord = 0.5 * np.sinc(0.5 * turned / np.pi)
         return SE2(chord * math.cos(0.5 * turned), chord * math.sin(0.5 * turned), turned)
-    own = Prior(arc(before), np.diag([0.1, 0.1, 0.5]) ** 2, np.diag([0.05, 0.05, 0.3]) ** 2)
+    own = Prior(arc(before), np.diag([0.1, 0.1, 0.5]) ** 2, np.diag([0.05, 0.05, 0.3]) ** 2, False)
     bent = own.with_rotation(turn, 0.02)
     assert bent.transform.as_array() == pytest.approx(arc(turn).as_array(), abs=0.006)
     assert np.allclose(bent.covariance, np.diag([0.1, 0.1, 0.02]) ** 2)
-    assert np.allclose(bent.velocity_change, np.diag([0.05, 0.05, 0.0]) ** 2)
-    assert Prior(own.transform, own.covariance).with_rotation(turn, 0.02).velocity_change is None
+    assert np.allclose(bent.velocity_change, np.diag([0.05, 0.05, 0.0]) ** 2) and not bent.measures_translation
+    measured = Prior(own.transform, own.covariance).with_rotation(turn, 0.02)
+    assert measured.velocity_change is None and measured.measures_translation
 
 
 def test_a_lost_sensor_coasts_then_stands_then_restarts():

@@ -51,6 +51,18 @@ def test_a_gyroscope_changes_the_rotation_and_is_no_external_motion(state):
     assert found.motion.prior.transform.theta == pytest.approx(0.02)
 
 
+@pytest.mark.parametrize('parameters', [P, P.replace({'advanced.odometry.prior': 'none'})])
+def test_a_gyroscope_measures_no_translation_where_the_velocity_is_unknown(state, parameters):
+    """After a correction of the pose and without a motion model, the predicted translation is 0."""
+    state.motion.forget_position()
+    state.motion.update(state.pose, TICK, MotionConstraints(), P)
+    by_motion = state.motion.predict(TICK, parameters)
+    assert by_motion.transform == SE2() and by_motion.velocity_change is None
+    found = predict(state, by_motion.with_rotation(0.1, 0.001), TICK, parameters)
+    assert found.external is None and not found.by_motion_model
+    assert found.best.prior.transform.as_tuple() == pytest.approx((0.0, 0.0, 0.1))
+
+
 def test_after_scans_that_were_not_found_the_gate_is_wider_than_the_prior(state):
     state.tracking = Tracking(lost_time=0.5)
     found = predict(state, None, TICK, P)

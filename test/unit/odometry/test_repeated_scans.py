@@ -63,7 +63,7 @@ def test_a_single_lidar_without_wheels_is_never_named(seed):
     robot = Robot(seed)
     assert not any(robot.sends('', 0.1 * k, forwards(0.1), new=not k) for k in range(50))
     # A gyroscope measures no translation: that of its prior is predicted.
-    prior = measured(forwards(0.1), velocity_change=np.eye(3))
+    prior = measured(forwards(0.1), measures_translation=False)
     assert not any(robot.sends('', 0.1 * k, forwards(0.1), new=False, prior=prior) for k in range(50, 60))
 
 

@@ -25,7 +25,8 @@ def motion_without_scans(twist: NDArray[np.float64], interval: ScanInterval, par
     variance = sigma ** 2 * (2.0 * _VELOCITY_TIME * (time - lasting) - lasting ** 2)
     variance += parameters.prior.unknown_sigma ** 2
     rotation_variance = unknown_motion_covariance(interval, parameters)[2, 2]
-    return Prior(SE2(lasting * vx, lasting * vy), diagonal(variance, variance, rotation_variance))
+    return Prior(SE2(lasting * vx, lasting * vy), diagonal(variance, variance, rotation_variance),
+                 measures_translation=False)
 
 
 def unknown_motion_covariance(interval: ScanInterval, parameters: Parameters) -> NDArray[np.float64]:

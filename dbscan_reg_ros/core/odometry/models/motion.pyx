@@ -156,11 +156,11 @@ cdef class ConstantVelocityModel:
         cdef double length = interval.length, square = length * length, max_sigma, change, turn, sigma, turn_sigma
         p = parameters.prior
         if increment is None or parameters.odometry.prior == 'none':
-            return Prior(SE2(), unknown_motion_covariance(interval, parameters))
+            return Prior(SE2(), unknown_motion_covariance(interval, parameters), measures_translation=False)
         if interval.jump and self.has_velocity:
             return motion_without_scans(as_array(self._mean_twist()), interval, parameters)
         if interval.gap:
-            return Prior(increment, unknown_motion_covariance(interval, parameters))
+            return Prior(increment, unknown_motion_covariance(interval, parameters), measures_translation=False)
         if self._velocities and self._differs_from_last(interval):
             # Scans were dropped, now or before, or those of several sensors alternate.
             increment = integrated(self._mean_twist(), length)
@@ -169,7 +169,7 @@ cdef class ConstantVelocityModel:
         sigma = math.hypot(p.min_sigma, change, STAMP_JITTER * math.hypot(increment.x, increment.y))
         turn_sigma = min(<double> math.hypot(p.min_sigma, turn, STAMP_JITTER * increment.theta), max_sigma)
         return Prior(increment, diagonal(sigma * sigma, sigma * sigma, turn_sigma * turn_sigma),
-                     diagonal(change * change, change * change, turn * turn))
+                     diagonal(change * change, change * change, turn * turn), measures_translation=False)
 
     def gate_covariance(self, prior, SE2 predicted, double lost_time, parameters):
         """Return the covariance of a prediction, enlarged for changes of velocity that were not observed.
@@ -177,7 +177,7 @@ cdef class ConstantVelocityModel:
         Parameters
         ----------
         prior : Prior
-            The prediction; the covariance of an external prior is returned unchanged.
+            The prediction; the covariance of a measured translation is returned unchanged.
         predicted : SE2
             Pose that the prior predicts, in the odometry frame.
         lost_time : float [s]
@@ -192,7 +192,7 @@ cdef class ConstantVelocityModel:
         """
         cdef double angle, distance
         covariance = prior.covariance
-        if prior.velocity_change is None:
+        if prior.measures_translation:
             return covariance
         if lost_time:
             covariance = covariance + displacement_covariance(lost_time, parameters)

@@ -170,13 +170,14 @@ cdef class CovariancePropagation:
         alignment with the map.
         """
         cdef double[3][3] covariance, change
-        cdef bint by_motion_model = prior.velocity_change is not None
+        # The error of the twist repeats where the prediction is by the velocity.
+        cdef bint by_velocity = prior.velocity_change is not None
         cdef double rate = 1.0 / interval if interval > 0.0 else 0.0, fading
         cdef double[9][18] transition
         cdef double[18][18] errors
         cdef Py_ssize_t i, j, k
         read(prior.covariance, covariance)
-        read(prior.velocity_change if by_motion_model else prior.covariance, change)
+        read(prior.velocity_change if by_velocity else prior.covariance, change)
         for i in range(18):
             for j in range(18):
                 errors[i][j] = self._joint[i][j] if i < 9 and j < 9 else 0.0
@@ -192,7 +193,7 @@ cdef class CovariancePropagation:
                 transition[i][9 + j] = transition[i][12 + j] = (i == j) - gain[i][j]
                 transition[i][15 + j] = gain[i][j]
                 # The variance of the twist stays below that of an unknown one: old errors fade as new ones are added.
-                fading = sqrt(max(1.0 - rate * rate * change[j][j], 0.0)) if by_motion_model else 0.0
+                fading = sqrt(max(1.0 - rate * rate * change[j][j], 0.0)) if by_velocity else 0.0
                 transition[i][6 + j] = interval * fading * ((i == j) - gain[i][j])
         for i in range(3):
             for j in range(18):

@@ -111,7 +111,7 @@ class RepeatedScans:
 
 def _measured(prior: Prior | None) -> SE2:
     """Return the motion that a `prior` measures; the identity if it has the translation from the motion model."""
-    return _IDENTITY if prior is None or prior.velocity_change is not None else prior.transform
+    return prior.transform if prior is not None and prior.measures_translation else _IDENTITY
 
 
 _MOVED = 0.05
