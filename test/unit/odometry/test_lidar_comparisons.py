@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
+from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
 from dbscan_reg_ros.core.odometry.calibration.compared_lidar import ComparedLidar
 from dbscan_reg_ros.core.odometry.calibration.comparisons import LidarComparisons
 from dbscan_reg_ros.core.odometry.calibration.location import Location
 from dbscan_reg_ros.core.odometry.calibration.odd_one import named
 from dbscan_reg_ros.core.odometry.calibration.relative_pose import Comparison, Disagreement, RelativePose
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
+from dbscan_reg_ros.core.odometry.state import TrackState
+from dbscan_reg_ros.core.odometry.update import leave_out
 from dbscan_reg_ros.core.sensor import Sensor
 from dbscan_reg_ros.simulation import follow, rooms, simulate
 
@@ -99,6 +103,16 @@ def test_a_lidar_that_agrees_is_used_after_ten_comparisons_and_not_named(update,
     before = len(drive.used)
     drive.run(26.0)
     assert drive.lidar.driven > 20.0 and not drive.lidar.disagrees and all(drive.used[before:])
+
+
+def test_key_frames_of_a_lidar_that_is_not_used_are_removed(update):
+    front, rear = Sensor('front'), Sensor('rear', TRUE, 1)
+    state = TrackState.initial(SE2(), number=0)
+    leave_out(state, rear)
+    assert state.window is None
+    state.window = KeyFrameWindow([KeyFrame(update.features, SE2(), sensor=each) for each in (front, rear)])
+    leave_out(state, rear)
+    assert state.window.sensors == {'front'}
 
 
 def test_a_robot_with_one_lidar_compares_nothing(monkeypatch):

@@ -21,7 +21,7 @@ def test_stamps_that_are_of_use_stay_as_they_are(stamps):
 @pytest.mark.parametrize(('stamps', 'first'), [
     (seconds(*[0] * 40), 1), (seconds(*[1.01893e9] * 40), 1_018_930_000),
                                                (seconds(*[1.01893e9] * 39, 1.01894e9), 1_018_930_000),
-    (seconds(*range(40, 0, -1)), 40), (seconds(*[-0.4, -0.9, -1.3], *[4.29497e9] * 37), 1)])
+    (seconds(*range(40, 0, -1)), 40), (seconds(*[-0.4, 0.9, -1.3], *[4.29497e9] * 37), 1)])
 def test_stamps_that_are_of_no_use_become_steady(stamps, first):
     mended, note = mend(stamps)
     assert mended == [first * SECOND + STEADY * k for k in range(40)]
