@@ -7,16 +7,18 @@ import math
 import numpy as np
 import pytest
 from benchmarks.__main__ import main
-from benchmarks.odometry import moving_courses, worst
-from benchmarks.odometry.course import Course, scatter
+from benchmarks.odometry import misleading_courses, moving_courses, worst
+from benchmarks.odometry.course import Course, driven, scatter
 from benchmarks.odometry.drift import Drive
 from benchmarks.registration import overlap
 
+from dbscan_reg_ros import Odometry
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.core.scan import Scan
 from dbscan_reg_ros.core.scan_geometry import ScanGeometry
 from dbscan_reg_ros.evaluation.trackers import Step
+from dbscan_reg_ros.simulation import LIDARS
 
 
 def room(points=4.0):
@@ -77,3 +79,15 @@ def test_rates_count_what_is_ok_and_wrong():
                                                                                                                     / 3)
     assert found['70_100_recall'] == 0.5 and '30_50_right' not in found
     assert found['precision'] == pytest.approx(2 / 3) and found['recall'] == pytest.approx(2 / 3)
+
+
+@pytest.mark.parametrize('seed', [0, 1, 3])
+def test_a_robot_that_was_carried_to_a_room_of_the_same_width_does_not_claim_to_be_in_the_first(seed):
+    course = driven(*misleading_courses.other_room(seed), LIDARS['rplidar_a'], seed)
+    begin, end = (misleading_courses.BEFORE + late for late in (0.0, misleading_courses.CARRIED))
+    odometry = Odometry()
+    for scan in course.take(course.seconds < begin).scans:
+        assert odometry.process(scan).status is Status.OK
+    updates = [odometry.process(scan) for scan in course.take(course.seconds > end).scans]
+    assert all(update.status is not Status.OK for update in updates)
+    assert min(math.sqrt(update.covariance[0, 0]) for update in updates) > 1.0

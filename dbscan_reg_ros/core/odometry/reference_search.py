@@ -13,7 +13,7 @@ from ..parameters.tree import Parameters
 from ..registration.pipeline import register, register_within_gate
 from ..registration.problem import SearchStage
 from ..registration.records import Prior, Registration, Status
-from ..registration.status import demoted_if_poor
+from ..registration.status import demoted_if_poor, place_confidence
 from .gate import Gate
 from .models.covariance import displacement_covariance
 from .references import (
@@ -57,7 +57,8 @@ class ReferenceSearch:
         outcome = self._search_map()
         if outcome.match is None or (self._gate.weak_prior and not outcome.is_certain):
             outcome = outcome.joined(self._match_scan_before(outcome.match))
-        if self._gate.predictions.interval.missing and not outcome.is_certain:
+        if self._gate.predictions.interval.missing and not (
+                outcome.is_certain and self._is_same_place(outcome.registration)):
             outcome = outcome._replace(match=None)
         return outcome._replace(search_near=self._search_near, rejoined=self._match_lost_map(outcome.match))
 
@@ -138,10 +139,14 @@ class ReferenceSearch:
             registration = register(features, self._features, parameters, prior, SearchStage.NORMAL)
             pose = frame.pose @ registration.transform
             verdict = self._gate.check_lost_map(expected, covariance, pose, registration)
-            if verdict.decision is Decision.ACCEPT:
+            if verdict.decision is Decision.ACCEPT and (not lost.gap or self._is_same_place(registration)):
                 return Match(key_frame=frame, pose=pose, unresolved_direction=None, registration=registration,
                              features=self._features, verdict=verdict)
         return None
+
+    def _is_same_place(self, registration: Registration) -> bool:
+        """Whether a scan after a gap is from the place where it was found."""
+        return place_confidence(registration) >= self._search_parameters.decision.min_confidence
 
     def _is_final(self, match: Match) -> bool:
         """Whether no other reference can improve the match: it is accepted, or degenerate due to the scan itself."""

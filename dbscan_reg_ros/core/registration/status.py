@@ -12,8 +12,8 @@ from ..geometry.array_types import FloatArray, IntArray
 from ..geometry.se2 import SE2, as_complex, rotated, wrap_period
 from ..geometry.tolerance import SAME
 from ..parameters.registration import DecisionParameters
-from .confidence.evidence import log_odds
-from .confidence.model import LIKELY, confidence, probability
+from .confidence.evidence import evidence_terms, log_odds
+from .confidence.model import LIKELY, PLACE_COEFFICIENTS, PLACE_INTERCEPT, confidence, probability
 from .hypotheses import Assessment
 from .problem import Problem
 from .records import UNKNOWN_HEADING, Evidence, Hypothesis, Prior, Registration, Status
@@ -111,6 +111,24 @@ def demoted_if_poor(registration: Registration, parameters: DecisionParameters) 
         return registration
     reason = low_score_reason(registration.score, parameters.min_score)
     return dataclasses.replace(registration, status=Status.AMBIGUOUS, reason=reason)
+
+
+def place_confidence(registration: Registration) -> float:
+    """Return the probability, 0..1, that a scan is from the place where it was found, and from no other.
+
+    `Registration.confidence` takes for granted that both scans see the same place. After a gap they need not.
+    """
+    if registration.evidence is None:
+        return registration.confidence
+    return probability(PLACE_INTERCEPT + sum(coefficient * term for coefficient, term in zip(
+        PLACE_COEFFICIENTS.values(), place_terms(registration), strict=True)))
+
+
+def place_terms(registration: Registration) -> tuple[float, ...]:
+    """Return the terms ``(9,)`` of the log-odds, in the order of `PLACE_COEFFICIENTS`; it must have evidence."""
+    assert registration.evidence is not None
+    evidence = registration.evidence
+    return *evidence_terms(evidence), registration.hypotheses[0].log_odds - log_odds(evidence)
 
 
 WEAK_PRIOR_SIGMA = 0.5

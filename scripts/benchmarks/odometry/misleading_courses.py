@@ -128,7 +128,7 @@ def carried(folder=None, seeds=SEEDS[:1]) -> list:
     """Return a robot that is carried to another room, and robots without scans for 8, 12, 20 s while they move on."""
     courses = []
     for lidar, seed in itertools.product(BOTH, seeds):
-        course = driven(*_other_room(seed), LIDARS[lidar], seed, f'{lidar}_room')
+        course = driven(*other_room(seed), LIDARS[lidar], seed, f'{lidar}_room')
         courses.append(dataclasses.replace(course, scans=[
             dataclasses.replace(scan, ranges=np.full(scan.geometry.size, np.inf)) if covered else scan
             for scan, covered in zip(course.scans, np.abs(course.seconds - 0.5 * CARRIED - BEFORE) <= 0.5 * CARRIED,
@@ -141,7 +141,7 @@ def carried(folder=None, seeds=SEEDS[:1]) -> list:
     return courses
 
 
-def _other_room(seed):
+def other_room(seed):
     """Return two rooms of one size with other furniture, one wall in another place, and the path in both."""
     rng = np.random.default_rng(seed)
     walls, boxes, bins = [], [], []

@@ -9,10 +9,17 @@ from dbscan_reg_ros.commands.workers import workers
 from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
+from dbscan_reg_ros.core.odometry.references import search_parameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.confidence.assessment import evidence_of
 from dbscan_reg_ros.core.registration.confidence.evidence import evidence_terms
-from dbscan_reg_ros.core.registration.confidence.model import COEFFICIENTS, confidence
+from dbscan_reg_ros.core.registration.confidence.model import (
+    COEFFICIENTS,
+    PLACE_COEFFICIENTS,
+    PLACE_INTERCEPT,
+    confidence,
+    probability,
+)
 from dbscan_reg_ros.core.registration.pipeline import register
 from dbscan_reg_ros.core.registration.problem import Problem, SearchStage
 from dbscan_reg_ros.core.registration.records import Status
@@ -21,6 +28,8 @@ from dbscan_reg_ros.simulation import LIDARS
 from ..intel import Intel
 from ..report import Report
 from ..trials import ROTATION_LIMIT, TRANSLATION_LIMIT, Trial
+from . import gaps
+from .gaps import intel_matches, simulated_matches
 from .overlap import MOTIONS, NOISES, WORLDS, Cell, pairs
 
 FITTED, HELD_OUT = (1, 2), (4,)
@@ -32,6 +41,8 @@ REGULARISATION = 1.0
 """Strength of the penalty on the coefficients of terms in units of their standard deviations."""
 INTEL_PAIRS, INTEL_WEIGHT, INTEL_X, INTEL_Y = 1500, 2.0, 5.0, 2.0
 """Random pairs of the Intel log, half of them for the fit, their weight in it, and their largest distances [m]."""
+PLACES_FITTED, PLACES_HELD_OUT = range(6), range(20, 23)
+"""Seeds of the drives with gaps."""
 FEWEST = 100
 """Pairs in a bin that is judged."""
 
@@ -102,6 +113,20 @@ def of_cells(rows, args, seeds) -> list:
                 for row in job.result()]
 
 
+def after_gaps(args, seeds, intel, half) -> list:
+    """Return (terms, right) of first scans after gaps in simulated drives of these seeds, and in half of Intel."""
+    with workers(args.processes) as executor:
+        jobs = [executor.submit(simulated_matches, lidar, kind, seed)
+                for lidar in gaps.SENSORS for kind in gaps.WORLDS for seed in seeds]
+        return [row for job in jobs for row in job.result()] + intel_matches(intel, half)
+
+
+def balanced(found):
+    """Return weights with which right and wrong ones weigh the same."""
+    right = np.array([some[0] for _, some in found])
+    return np.where(right, 0.5 / right.mean(), 0.5 / (1.0 - right.mean()))
+
+
 def fit(found, weight) -> tuple:
     """Fit the model of the confidence; return the intercept and the coefficients of the terms.
 
@@ -158,10 +183,10 @@ def cross_validated(found, weight) -> tuple:
     return certainty, right, certainty >= Parameters().decision.min_confidence
 
 
-def coefficient_lines(intercept, coefficients) -> str:
+def coefficient_lines(intercept, coefficients, names=COEFFICIENTS, prefix='') -> str:
     """Format fitted coefficients as they stand in `confidence/model.py`."""
-    return '\n'.join([f'INTERCEPT = {intercept:.3f}', 'COEFFICIENTS = {',
-                      *(f'    {name!r}: {value:.3f},' for name, value in zip(COEFFICIENTS, coefficients, strict=True)),
+    return '\n'.join([f'{prefix}INTERCEPT = {intercept:.3f}', f'{prefix}COEFFICIENTS = {{',
+                      *(f'    {name!r}: {value:.3f},' for name, value in zip(names, coefficients, strict=True)),
                       '}'])
 
 
@@ -196,15 +221,32 @@ def measure(args) -> Report:
     if args.fit:
         simulated, real = of_cells(hypotheses, args, FITTED), hypotheses(intel_pairs(intel, 0))
         weight = np.repeat((1.0, INTEL_WEIGHT), (len(simulated), len(real)))
+        places = after_gaps(args, PLACES_FITTED, intel, 0)
         report.tables += [coefficient_lines(*fit(simulated + real, weight)),
-                          summary(*cross_validated(simulated + real, weight))[1]]
+                          summary(*cross_validated(simulated + real, weight))[1],
+                          coefficient_lines(*fit(places, balanced(places)), PLACE_COEFFICIENTS, 'PLACE_')]
         return report
     report.metrics['dbscan'] = {}
     for name, found in (('simulated', of_cells(judged, args, HELD_OUT)), ('intel', judged(intel_pairs(intel, 1)))):
         metrics, text = summary(*map(np.array, zip(*found, strict=True)))
         report.metrics['dbscan'].update({f'{name}_{key}': value for key, value in metrics.items()})
         report.tables.append(f'{name}\n{text}')
+    metrics, text = places_summary(after_gaps(args, PLACES_HELD_OUT, intel, 1))
+    report.metrics['dbscan'].update(metrics)
+    report.tables.append(text)
     return report
+
+
+def places_summary(found) -> tuple:
+    """Return the metrics and the text of first scans after gaps: how many are taken to be from the place they fit."""
+    terms, right = (np.concatenate(part) for part in zip(*found, strict=True))
+    odds = PLACE_INTERCEPT + terms @ np.array([*PLACE_COEFFICIENTS.values()])
+    least = search_parameters(Parameters()).decision.min_confidence
+    believed = np.array([probability(each) for each in odds]) >= least
+    metrics = {'place_recall': float(believed[right].mean()), 'place_wrong': float(believed[~right].mean())}
+    return metrics, (f'first scans after gaps: {right.sum()} in the right place, of these believed '
+                     f'{100 * metrics["place_recall"]:.1f} %; {(~right).sum()} wrong or from another place, of these '
+                     f'{100 * metrics["place_wrong"]:.1f} %')
 
 
 def summary(confidence, right, ok) -> tuple:

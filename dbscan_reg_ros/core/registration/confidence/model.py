@@ -19,6 +19,20 @@ COEFFICIENTS = {
 }
 """Coefficient of each of the `evidence_terms`, as ``scripts/bench confidence --fit`` prints them."""
 
+PLACE_INTERCEPT = -6.137
+PLACE_COEFFICIENTS = {
+    'conflicts': -18.247,
+    'on outline': 0.412,
+    'matched ends': 1.657,
+    'unmatched ends': 0.629,
+    'crossing': -0.041,
+    'residual': -30.205,
+    'distance': 0.332,
+    'weak': 7.019,
+    'prior': 1.039,
+}
+"""The same for the first scan after a gap, which may be from another place; `prior` is what the prior adds."""
+
 
 def confidence(odds: float, rivals: Sequence[float] = ()) -> float:
     """Return the probability, 0..1, that a motion with these log-odds is right, beside `rivals` with theirs.
