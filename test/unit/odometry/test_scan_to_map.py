@@ -25,6 +25,13 @@ def funnel(degrees):
     return outline([(-20.0, -1.0 - rise), (20.0, -1.0 + rise), (20.0, 1.0 - rise), (-20.0, 1.0 + rise)])[::2]
 
 
+def key_frames(walls, noise, p, seed=0):
+    """Of six scans, 5 cm apart."""
+    poses = [SE2(0.05 * k, 0.0, 0.0) for k in range(6)]
+    return [KeyFrame(extract_features(look(walls, pose, HALF, noise, seed + k), p), pose)
+            for k, pose in enumerate(poses)]
+
+
 def along_a_funnel(degrees, slant):
     """Registration, and alignment [m] along the walls, of a scan whose ranges are 1.5 cm too long.
 
@@ -36,8 +43,7 @@ def along_a_funnel(degrees, slant):
     decision, free = (dataclasses.replace(each, parallel_tolerance=slant * each.parallel_tolerance)
                       for each in (defaults.decision, defaults.degeneracy))
     p = dataclasses.replace(defaults, decision=decision, degeneracy=free)
-    poses = [SE2(0.05 * k, 0.0, 0.0) for k in range(6)]
-    frames = [KeyFrame(extract_features(look(walls, pose, HALF, 0.005, k), p), pose) for k, pose in enumerate(poses)]
+    frames = key_frames(walls, 0.005, p)
     scan = look(walls, here, HALF, 0.005, 9)
     features = extract_features(dataclasses.replace(scan, ranges=scan.ranges + 0.015), p)
     spread = np.diag((0.02, 0.02, 0.01)) ** 2
@@ -59,6 +65,17 @@ def test_near_parallel_walls_constrain_nothing_along_them(degrees):
 
 def test_the_parallel_tolerance_makes_a_funnel_degenerate():
     assert along_a_funnel(6, 0.0)[0].status is Status.OK
+
+
+def test_noise_of_parallel_walls_holds_hardly_anything_along_them():
+    """3 mm where the prior, which is sure to 20 mm, is not strengthened along the degenerate direction."""
+    p, walls, here, off = Parameters(), funnel(0), SE2(0.3, 0.0, 0.0), []
+    prior = PosePrior(here, np.diag((2500.0, 2500.0, 1e4)))
+    for seed in range(0, 120, 10):
+        features = extract_features(look(walls, here, HALF, 0.02, seed + 9), p)
+        window = KeyFrameWindow(key_frames(walls, 0.02, p, seed))
+        off.append(align_to_map(window, features, InitialAlignment(here, 0.0), prior, p)[0].x - here.x)
+    assert np.sqrt(np.mean(np.square(off))) < 0.0015
 
 
 def test_in_the_odometry_steeper_walls_hold_nothing_either():
