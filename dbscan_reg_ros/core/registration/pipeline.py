@@ -72,7 +72,7 @@ def as_features(scan: Scan | Features, parameters: Parameters) -> Features:
 
 def register_within_gate(reference: Features, current: Features, parameters: Parameters, prior: Prior) -> Registration:
     """Register like `register`, but consider only motions within the gate around the prior."""
-    return search_near(Problem(reference, current, parameters, prior), prior)
+    return search_near(Problem(reference, with_common_noise(reference, current), parameters, prior), prior)
 
 
 def with_common_noise(reference: Features, current: Features) -> Features:

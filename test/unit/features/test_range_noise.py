@@ -8,7 +8,7 @@ import pytest
 from l_room import linear_residuals
 from rooms import DEGREE, FULL, L_ROOM, look, outline
 
-from dbscan_reg_ros import SE2, ScanGeometry
+from dbscan_reg_ros import SE2, Parameters, Prior, ScanGeometry
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.noise import estimate_noise, estimate_noise_ratio
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
@@ -16,7 +16,7 @@ from dbscan_reg_ros.core.odometry.models.noise_history import NoiseRatioHistory
 from dbscan_reg_ros.core.parameters.features import ScanParameters
 from dbscan_reg_ros.core.parameters.registration import DensityParameters
 from dbscan_reg_ros.core.registration.fit import fit
-from dbscan_reg_ros.core.registration.pipeline import register
+from dbscan_reg_ros.core.registration.pipeline import register, register_within_gate
 from dbscan_reg_ros.core.registration.point_to_line import refine
 from dbscan_reg_ros.core.registration.residuals import Alignment
 
@@ -88,11 +88,13 @@ def test_the_ratio_keeps_within_its_limit_and_needs_neighbouring_points():
     assert ratio_in(points, every=2) == ratio_in(points[:17]) == ratio_in(points[:0]) == 0.0
 
 
-def test_noise_that_one_of_two_scans_shows_is_chance():
+@pytest.mark.parametrize('search', [register, register_within_gate])
+def test_noise_that_one_of_two_scans_shows_is_chance(search):
     one, other = (extract_features(look(outline(L_ROOM), SE2(0.05 * k), FULL, 0.01, k)) for k in range(2))
+    prior = Prior(SE2(0.05), np.diag((0.1, 0.1, 0.1)) ** 2)
 
     def found(before, after):
-        return register(one.with_noise_ratio(before), other.with_noise_ratio(after))
+        return search(one.with_noise_ratio(before), other.with_noise_ratio(after), Parameters(), prior)
 
     np.testing.assert_array_equal(found(0.0, 0.05).covariance, found(0.0, 0.0).covariance)
     assert found(0.05, 0.05).weakest_information < 0.9 * found(0.0, 0.0).weakest_information
