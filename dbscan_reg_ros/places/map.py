@@ -80,13 +80,13 @@ class View(NamedTuple):
                                     parameters.odometry.pole_size)
 
 
-def shows_the_same(poses: NDArray[np.float64], pose: NDArray[np.float64], scan: Scan) -> NDArray[np.bool_]:
-    """Return whether scans like `scan` from each of the `poses` (N, 3) show the same as one from `pose` (3,)."""
-    near = np.hypot(*(poses - pose)[:, :2].T) <= SPACING
-    if not scan.geometry.closed:
-        part = abs(scan.geometry.angle_increment) * scan.geometry.size
-        near &= np.abs(wrap(poses[:, 2] - pose[2])) <= (1.0 - COMMON) * part
-    return near
+def difference(poses: NDArray[np.float64], pose: NDArray[np.float64], scan: Scan) -> NDArray[np.float64]:
+    """Return how much scans like `scan` from the `poses` (N, 3) differ from one from `pose` (3,); up to 1: hardly."""
+    apart = np.hypot(*(poses - pose)[:, :2].T) / SPACING
+    if scan.geometry.closed:
+        return apart
+    part = abs(scan.geometry.angle_increment) * scan.geometry.size
+    return np.maximum(apart, np.abs(wrap(poses[:, 2] - pose[2])) / ((1.0 - COMMON) * part))
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from ..core.registration.status import demoted_if_poor
 from ..core.scan import SECOND
 from ..recordings.poses import compose
 from .localizer import LOST, Localization, Localizer, State, motion_covariance
-from .map import Map, View, shows_the_same
+from .map import Map, View, difference
 from .pose_graph import Constraints, PoseGraph, optimise
 
 AWAY = 10.0
@@ -26,7 +26,10 @@ NEAR, DRIFT = 1.0, 0.01
 TURNED = 0.35
 """A loop that corrects the heading by more than this [rad] is rejected."""
 TRIED = 3
-"""Largest number of earlier key frames, nearest first, to which each key frame is registered."""
+"""Largest number of earlier key frames, most similar first, to which each key frame is registered."""
+LEAST_POINTS = 3.0
+"""Number of effective points that have to constrain the translation of a loop in every direction: of fewer, residuals
+do not show how large their errors are, and no prediction limits them."""
 STEP_SPREAD = np.array((0.005, 0.005, 0.002))
 """Standard deviation [m, m, rad] added to the registration covariance of a motion between key frames."""
 GROWTH = 1.1
@@ -204,7 +207,7 @@ class Mapper:
         """Find the latest key frame among those of the map, or add it."""
         known = self.seen_again = self._again(update)
         chain = self._relation
-        alike = shows_the_same(self._poses, self._in_map(known or chain).as_array(), update.features.measured)
+        alike = difference(self._poses, self._in_map(known or chain).as_array(), update.features.measured) <= 1.0
         if known is None:
             # What was seen long ago and is not found now is elsewhere.
             alike &= self._way - np.array(self._seen) < AWAY
@@ -238,14 +241,16 @@ class Mapper:
             return in_map
         at, since = self._in_map(self._relation).as_array(), self._way - np.array(self._seen)
         apart, reach = np.hypot(*(self._poses - at)[:, :2].T), NEAR + DRIFT * since
-        apart[(since < AWAY) | (apart > reach) | ~self._comparable(update)] = np.inf
-        for early in np.argsort(apart, kind='stable')[:TRIED]:
-            if not np.isfinite(apart[early]):
+        rank = difference(self._poses, at, update.features.measured)
+        rank[(since < AWAY) | (apart > reach) | ~self._comparable(update)] = np.inf
+        for early in np.argsort(rank, kind='stable')[:TRIED]:
+            if not np.isfinite(rank[early]):
                 break
             found = demoted_if_poor(register(self._views[early].features(self._parameters), update.features,
                                              self._parameters), self._parameters.decision)
             off = SE2.from_array(at).inverse() @ SE2.from_array(self._poses[early]) @ found.transform
-            if found.status is Status.OK and np.hypot(off.x, off.y) <= reach[early] and abs(off.theta) <= TURNED:
+            is_near = np.hypot(off.x, off.y) <= reach[early] and abs(off.theta) <= TURNED
+            if found.status is Status.OK and is_near and (found.weakest_information or np.inf) >= LEAST_POINTS:
                 return Relation(int(early), found.transform, found.covariance + np.diag(STEP_SPREAD) ** 2)
         return None
 
