@@ -23,7 +23,7 @@ from .command_line import (
     run,
     seed,
 )
-from .competitors import Competitor, first_parameters, follow_all, note_missing
+from .competitors import MAP, Competitor, first_parameters, follow_all, note_missing
 
 ALL = 'all'
 LETTERS = string.ascii_uppercase
@@ -45,16 +45,18 @@ def main(argv: Sequence[str] | None = None) -> int:
                          'motion is unknown; then paths, ends, maps and differences are printed.')
     parser.add_argument('a', metavar='A', help='a parameter file; or the name of a ready-made parameter set: '
                         f'defaults, {", ".join(ready_made())}; or a method: {", ".join(METHODS)} (dbscan: the '
-                        'defaults); or MODULE:FUNCTION or MODULE:CLASS, as for --method; or NAME=FILE, as for '
-                        '--trajectory')
+                        f'defaults); or {MAP}:FILE, the defaults localised in a map, a file of replay --map-out or the '
+                        'map.yaml of an occupancy grid (scans have a pose once it is localised); or MODULE:FUNCTION or '
+                        'MODULE:CLASS, as for --method; or NAME=FILE, as for --trajectory')
     parser.add_argument('b', metavar='B', help='as A')
     add_recording(parser, SEVERAL, several=True)
     add_mounting(parser)
     parser.add_argument('--method', metavar='METHOD', action='append', default=[], help='another competitor: a method; '
-                        'or MODULE:FUNCTION (a module in the current folder or installed), a function (reference, '
-                        'current, guess) that returns the pose (SE2) of the scan current in the frame of the scan '
-                        'reference. reference is the last key frame: a scan becomes the key frame if it is more than '
-                        f'{KEY_FRAME_DISTANCE:g} m or {KEY_FRAME_DEGREES:g} deg from the last one; guess (SE2) is the '
+                        f'or {MAP}:FILE, as A; or MODULE:FUNCTION (a module in the current folder or installed), a '
+                        'function (reference, current, guess) that returns the pose (SE2) of the scan current in the '
+                        'frame of the scan reference. reference is the last key frame: a scan becomes the key frame if '
+                        f'it is more than {KEY_FRAME_DISTANCE:g} m or {KEY_FRAME_DEGREES:g} deg from the last one; '
+                        'guess (SE2) is the '
                         'expected result, if the last motion between two scans is repeated. Or MODULE:CLASS, a tracker '
                         'made without arguments: process(scan) returns a Step with the pose in the frame of the first '
                         'scan (doc/faq.md). May be repeated')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Competitors of a comparison: a parameter set, a method, or the trajectory of another program."""
+"""Competitors of a comparison: a parameter set, a map, a method, or the trajectory of another program."""
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,10 +7,13 @@ from pathlib import Path
 from ..paths import ready_made
 from .command_line import CommandError
 
+MAP = 'map'
+"""``map:FILE`` names a competitor that is localised in the map of a file."""
+
 
 @dataclass(frozen=True)
 class Competitor:
-    """One competitor: the odometry with `parameters`, the method called `method`, or a `given` trajectory."""
+    """One competitor: the odometry with `parameters`, in a map or not, a `method`, or a `given` trajectory."""
 
     name: str
     """Name that the user gave."""
@@ -20,10 +23,12 @@ class Competitor:
     """Name of a method, or ``module:function``."""
     given: object = None
     """GivenTrajectory"""
+    map: Path | None = None
+    """File of the map in which the odometry is localised."""
 
     @classmethod
     def named(cls, name) -> 'Competitor':
-        """Return the competitor that an argument names: a trajectory, a method, a parameter set or a parameter file."""
+        """Return the competitor that an argument names: a trajectory, method, map, parameter set or parameter file."""
         from ..evaluation.methods import FACTORIES
         from ..robot.parameter_files import read_parameters
         from ..robot.parameters import NodeParameters
@@ -39,13 +44,18 @@ class Competitor:
         if name in ready_made():
             return cls(name, read_parameters(name))
         raise CommandError(f'{name}: no such file; expected a parameter file, a parameter set: defaults, '
-                           f'{", ".join(ready_made())}; or a method: {", ".join(FACTORIES)}, MODULE:FUNCTION')
+                           f'{", ".join(ready_made())}; or a method: {", ".join(FACTORIES)}, {MAP}:FILE, '
+                           'MODULE:FUNCTION')
 
     @classmethod
     def with_method(cls, name) -> 'Competitor':
-        """Return the competitor that uses the method called `name` or the function ``module:function``."""
+        """Return the competitor that uses the method `name`, the function ``module:function`` or ``map:FILE``."""
         from ..evaluation.trackers import tracker
+        from ..robot.parameters import NodeParameters
 
+        kind, _, file = name.partition(':')
+        if kind == MAP:
+            return cls(name, NodeParameters(), map=Path(file).absolute())
         tracker(name)
         return cls(name, method=name)
 
@@ -70,7 +80,7 @@ class Competitor:
         from ..replays.trajectory import Trajectory
 
         if self.parameters:
-            return replayed_trajectory(recording, scans, lidars, self.parameters)
+            return replayed_trajectory(recording, scans, lidars, self.parameters, self.map)
         trajectory = Trajectory()
         if self.given:
             stamps = [scan.stamp for scan in scans]

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A replay in the map of a file: where the sensor is, what else it may be, and the picture of the map."""
+import dataclasses
 import math
 from typing import NamedTuple
 
 import numpy as np
 
+from ..core.errors import ScanError
+from ..core.odometry.records import OdometryUpdate
 from ..figures.plots import CELLS, DensityMap
 from ..places.grid import Grid
 from ..places.localizer import Localizer, State
@@ -34,6 +37,30 @@ class Moment(NamedTuple):
     state: State
     covariance: np.ndarray
     places: np.ndarray
+
+
+class OdometryInMap:
+    """An odometry whose poses are those in the map of a file; scans at which these are not known are not used.
+
+    Parameters
+    ----------
+    odometry : Odometry or ReplayOdometry
+    file : Path
+        The map.
+    parameters : Parameters
+        Those of the odometry.
+    """
+
+    def __init__(self, odometry, file, parameters):
+        self._odometry, self._localizer = odometry, Localizer(load_grid(file, parameters), parameters)
+
+    def process(self, scan) -> OdometryUpdate:
+        """Return the update with the pose in the map; raise a ScanError where it is not known."""
+        update = self._odometry.process(scan)
+        found = self._localizer.process(update)
+        if found.state is not State.LOCALISED:
+            raise ScanError(f'pose in the map: {found.state.value}')
+        return dataclasses.replace(update, pose=found.pose, covariance=found.covariance)
 
 
 class InMap:

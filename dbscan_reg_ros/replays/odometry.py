@@ -18,6 +18,7 @@ from ..robot.base_state import base_motion, external_prior, measured_prior, sens
 from ..robot.own_body import OwnBody, advice, described
 from ..robot.pose_history import HeadingHistory, PoseHistory
 from ..robot.scan_buffer import RecordedScans
+from .in_map import OdometryInMap
 from .lidars import lidars_of, prepared
 from .trajectory import Trajectory
 
@@ -80,11 +81,16 @@ def describe_prior(parameters, motion) -> list:
              + (f', as the recording has no {missing}' if missing else ''))]
 
 
-def replayed_trajectory(recording, scans, lidars, parameters) -> Trajectory:
-    """Run the odometry over the `scans` of the first lidar, that of the `recording`, without writing results."""
+def replayed_trajectory(recording, scans, lidars, parameters, map_file=None) -> Trajectory:
+    """Run the odometry over the `scans` of the first lidar, that of the `recording`, without writing results.
+
+    With a `map_file` the poses are those in this map.
+    """
     mounting, others = lidars_of(recording, lidars, parameters)
     odometry = replay_odometry(parameters, others, recording.topic, mounting, recorded_motion(parameters, recording))
     trajectory = Trajectory(mounting.pose.theta, mounting.upside_down, numbers=odometry.numbers if others else [])
+    if map_file:
+        odometry = OdometryInMap(odometry, map_file, parameters.for_odometry())
     for _ in trajectory.follow(prepared(scans, mounting, parameters.input_of(recording.topic)), odometry):
         pass
     return trajectory

@@ -13,6 +13,7 @@ import pytest
 
 from dbscan_reg_ros import RecordingError, open_recording
 from dbscan_reg_ros.commands.compare import main
+from dbscan_reg_ros.commands.replay import main as replay
 from dbscan_reg_ros.recordings import true_poses, write_csv, write_tum
 from dbscan_reg_ros.recordings.poses import compose, relative
 from dbscan_reg_ros.recordings.truth import read_truth
@@ -66,6 +67,19 @@ def test_the_pose_of_the_sensor_on_the_body_is_taken_into_account(compare, write
     assert content['differences']['all']['m']['b'] > 0.05
     assert [len(row['notes']) for row in content['table']] == [1, 2]
     assert 'hall, B: with the sensor at about 0.30,-0.10,90 on these poses the root mean' in printed.out
+
+
+def test_the_odometry_in_a_map_is_compared_beside_the_others(compare, hall_recording, tmp_path, capsys):
+    """The map is that of the drive itself, so that it is found again from the first scans on."""
+    made = tmp_path / 'hall.npz'
+    assert replay([str(hall_recording), '--map-out', str(made), '--out', str(tmp_path)]) == 0
+    code, _, content = compare('defaults', f'map:{made}', '--method', 'identity')
+    assert code in (0, 1) and content['b'] == f'map:{made}'
+    assert content['coverage']['hall'] > 0.9
+    measured = content['differences']['all']['m']
+    assert measured['b'] < 0.05 < content['others'][0]['differences']['all']['m']['b']
+    assert main(['defaults', 'map:absent.npz', str(hall_recording), '--processes', '1', '--out', str(tmp_path)]) == 2
+    assert 'absent.npz' in capsys.readouterr().err
 
 
 def test_a_trajectory_that_leaves_out_the_hard_part_gets_no_verdict(compare, write):
