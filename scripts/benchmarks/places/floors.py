@@ -93,3 +93,9 @@ def route(world, seed, length=14.0) -> np.ndarray:
         if sum(math.dist(a, b) for a, b in itertools.pairwise(points)) > length:
             break
     return np.array(points)
+
+
+def comes_to_an_end(way, metres) -> bool:
+    """Return whether a route (N, 2) comes to where the corridors are joined within so many metres."""
+    outside = (way[:, 0] < WIDTH) | (way[:, 0] > LENGTH - WIDTH)
+    return bool(outside[np.append(0.0, np.hypot(*np.diff(way, axis=0).T).cumsum()) <= metres].any())

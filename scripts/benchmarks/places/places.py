@@ -4,6 +4,7 @@
 A robot that believes a wrong place drives into walls: no start may be wrong, and none outside the map may be claimed.
 Not to know is right for a while.
 """
+import itertools
 import math
 from functools import cached_property, partial
 from pathlib import Path
@@ -25,6 +26,7 @@ from dbscan_reg_ros.simulation import Lidar
 
 from ..intel import Intel
 from ..report import Report, at_least, at_most
+from .floors import comes_to_an_end, floor, route
 from .starts import COVERED, PARAMETERS, RIGHT, Mapped, first_answer, floor_drive, floor_map, followed, kidnapped
 from .vote import Vote
 
@@ -32,6 +34,8 @@ LIDARS = {'360': Lidar(beams=360, angle_min=-math.pi, rate=5.0), '180': Lidar(ra
 """Field of view [deg] -> lidar on the simulated floors."""
 SEARCH, OUTSIDE = 3.0, 10.0
 """Distance [m] within which a start is to be found, and after which a start outside is to be recognised."""
+SEEN = 8.0
+"""A drive of `OUTSIDE` that comes to the end of a wing within this distance [m] has seen what differs."""
 SURE, AGAIN = 0.5, 5.0
 """Standard deviation [m] below which a wrong pose counts; distance [m] within which the pose is to be found again."""
 BOUNDS = {'intel': {'right': at_least(0.95), 'wrong_count': at_most(0), 'mean_m': at_most(0.05),
@@ -41,6 +45,7 @@ BOUNDS = {'intel': {'right': at_least(0.95), 'wrong_count': at_most(0), 'mean_m'
           'kidnapped': {'again': at_least(1.0), 'wrong_s': at_most(1.0)},
           'changed': {'right': at_least(0.9), 'wrong_count': at_most(0)},
           'wings': {'wrong_count': at_most(0), 'ambiguous': at_least(0.8)},
+          'ends': {'wrong_count': at_most(0)},
           'localiser': {'wrong_count': at_most(0), 'claimed_count': at_most(0)}, 'vote': {},
           'outside': {'claimed_count': at_most(0), 'said_outside': at_least(0.8)}}
 
@@ -209,13 +214,16 @@ def of_floors(maps) -> dict:
 
 
 def of_wings(maps) -> dict:
-    """Starts on a floor of two wings that are identical but for their ends."""
-    found = {}
+    """Starts on a floor of two wings that are identical but for their ends, and those that come to an end."""
+    found, world = {}, floor(0, alike=True)
+    to_an_end = (number for number in itertools.count() if comes_to_an_end(route(world, number, OUTSIDE), SEEN))
+    numbers = {'wings': list(range(maps.each)), 'ends': list(itertools.islice(to_an_end, maps.each))}
     for degrees, lidar in LIDARS.items():
         known = floor_map(0, lidar, alike=True)
-        drives = [floor_drive(0, lidar, number, OUTSIDE, alike=True) for number in range(maps.each)]
-        found[f'wings {degrees}'] = wings_summary([followed(known.localizer, scans, known.true_poses(truth), OUTSIDE)
-                                                   for scans, truth in drives])
+        for name, starts in numbers.items():
+            drives = [floor_drive(0, lidar, number, OUTSIDE, alike=True) for number in starts]
+            found[f'{name} {degrees}'] = wings_summary([
+                followed(known.localizer, scans, known.true_poses(truth), OUTSIDE) for scans, truth in drives])
     return found
 
 
