@@ -118,7 +118,7 @@ class Steps:
         """Return the score and the overlap of the scans at a `motion`."""
         reference, current, p = self.reference.features, self.current.features, self.parameters
         problem = Problem(reference, with_common_noise(reference, current), p)
-        (value,), (overlap,), _ = scores(problem, motion.as_array()[None])
+        (value,), (overlap,), *_ = scores(problem, motion.as_array()[None])
         return float(value), float(overlap)
 
     def rotation_distances(self):

@@ -62,23 +62,21 @@ cdef class Comparison:
 
 
 def scores(problem, candidates):
-    """Return score, overlap and conflict ``(H,)`` of hypotheses ``(H, 3)`` [m, m, rad], as `write_scores` has them."""
+    """Return score, overlap, conflict and reverse conflict ``(H,)`` of hypotheses ``(H, 3)`` [m, m, rad].
+
+    They are those of `write_scores` and `write_reverse_conflicts`.
+    """
+    cdef Comparison comparison = Comparison(problem)
     cdef Hypotheses found = Hypotheses(candidates)
     cdef Py_ssize_t h
-    write_scores(Comparison(problem), found)
-    table = np.empty((3, found.size))
+    table = np.empty((4, found.size))
     cdef double[:, ::1] values = table
+    write_scores(comparison, found)
+    write_reverse_conflicts(comparison, found, values[3])
     for h in range(found.size):
         values[0, h], values[1, h] = found.rows[h].score, found.rows[h].overlap
         values[2, h] = found.rows[h].conflict
     return tuple(table)
-
-
-def reverse_conflicts(problem, candidates):
-    """Return the fraction ``(H,)`` of `write_reverse_conflicts`, 0..1, of the hypotheses ``(H, 3)`` [m, m, rad]."""
-    fraction = np.empty(len(candidates))
-    write_reverse_conflicts(Comparison(problem), Hypotheses(candidates), fraction)
-    return fraction
 
 
 cdef int write_scores(Comparison comparison, Hypotheses found) except -1 nogil:

@@ -15,7 +15,6 @@ from dbscan_reg_ros.core.registration.problem import Problem
 from dbscan_reg_ros.core.registration.ranking import rank_by_density
 from dbscan_reg_ros.core.registration.scoring import (
     distinct,
-    reverse_conflicts,
     same,
     scores,
     search_degenerate_direction,
@@ -50,7 +49,7 @@ def test_the_score_is_the_share_on_surfaces_less_that_in_free_space():
     empty, current = features(START), features(END, np.concatenate((ROOM, BOX)))
     share = on_the_box(current, END)
     assert share > 0.05
-    value, overlap, conflict = scores(Problem(empty, current, ALIKE), rows(MOTION))
+    value, overlap, conflict, _ = scores(Problem(empty, current, ALIKE), rows(MOTION))
     assert overlap[0] == pytest.approx(1.0 - share, abs=0.01)
     assert conflict[0] == pytest.approx(share, abs=0.01)
     assert value[0] == pytest.approx(1.0 - share - DENSITY.violation_weight * share, abs=0.02)
@@ -60,9 +59,10 @@ def test_reference_points_in_the_free_space_of_the_current_scan_count_as_violati
     box, current = features(START, np.concatenate((ROOM, BOX))), features(END)
     share = on_the_box(box, START)
     assert share > 0.05
-    found = reverse_conflicts(Problem(box, current, ALIKE), rows(MOTION, MOTION @ SE2(0.0, 0.0, 0.1)))
+    *_, found = scores(Problem(box, current, ALIKE), rows(MOTION, MOTION @ SE2(0.0, 0.0, 0.1)))
     assert found[0] == pytest.approx(share, abs=0.005)
-    assert reverse_conflicts(Problem(features(START), current, ALIKE), rows(MOTION))[0] == 0.0
+    *_, (none,) = scores(Problem(features(START), current, ALIKE), rows(MOTION))
+    assert none == 0.0
 
 
 UNREFINED = {'advanced.refinement.coarse_iterations': 0}
