@@ -171,23 +171,12 @@ class Localizer:
         """
         if update.starts_track:
             self._forget()
-        pose, failed = update.pose.as_array(), update.status is Status.FAILED
         # After a scan whose motion is not known, the next one shows whether the pose is still right.
-        if not failed and not update.waits and (self._failed or self._moved(pose)):
-            spread = None if self._covariance is None else self._spread(update)
-            if self._stops and (self._motion_covariance(update).diagonal() > UNCERTAIN).any():
-                self._forget()
-                self._covariance = None if spread is None else spread + np.diag(UNCERTAIN)
-                self._middle = pose[:2]
-            elif self._state is not State.LOCALISED:
-                self._covariance, self._middle = spread, pose[:2]
-            self._stops.append(Stop.of(update.scan_pose, update.features))
-            self._used, self._odometry_covariance = pose, update.covariance
-            if self._state is State.LOCALISED:
-                self._track()
-            else:
-                self._search(update.features)
-        self._failed = failed
+        if update.status is Status.FAILED:
+            self._failed = True
+        elif not update.waits and (self._failed or self._moved(update.pose.as_array())):
+            self._failed = False
+            self._use(update)
         return self._report(update)
 
     def candidates(self, features: Features) -> NDArray[np.float64]:
@@ -204,6 +193,21 @@ class Localizer:
         poses = self._matcher.align(poses, points, RETURNS, FROM_AFAR).poses
         odds = log_odds_alone(self._matcher.count(poses, Drive.of([Stop.of(SE2(), features)])))
         return poses[_distinct(poses, -odds, SAME, SAME_TURN, CANDIDATES)]
+
+    def _use(self, update: OdometryUpdate) -> None:
+        """Place a scan in the map."""
+        pose, spread = update.pose.as_array(), None if self._covariance is None else self._spread(update)
+        if self._stops and (self._motion_covariance(update).diagonal() > UNCERTAIN).any():
+            self._forget()
+            spread = None if spread is None else spread + np.diag(UNCERTAIN)
+        if self._state is not State.LOCALISED:
+            self._covariance, self._middle = spread, pose[:2]
+        self._stops.append(Stop.of(update.scan_pose, update.features))
+        self._used, self._odometry_covariance = pose, update.covariance
+        if self._state is State.LOCALISED:
+            self._track()
+        else:
+            self._search(update.features)
 
     def _forget(self) -> None:
         """Begin a new search."""
