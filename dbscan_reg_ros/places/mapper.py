@@ -30,8 +30,9 @@ TRIED = 3
 LEAST_POINTS = 3.0
 """Number of effective points that have to constrain the translation of a loop in every direction: of fewer, residuals
 do not show how large their errors are, and no prediction limits them."""
-STEP_SPREAD = np.array((0.005, 0.005, 0.002))
-"""Standard deviation [m, m, rad] added to the registration covariance of a motion between key frames."""
+STEP_SPREAD, LOOP_SPREAD = np.array((0.003, 0.003, 0.0012)), np.array((0.005, 0.005, 0.002))
+"""Standard deviations [m, m, rad] added to the covariance of a motion from one key frame to the next, whose errors the
+odometry evens out over several scans, and to that of a loop."""
 GROWTH = 1.1
 """If every key frame is kept, the poses are optimised each time that there are so many times more of them: all of it
 together takes about ten times as long as the last time."""
@@ -251,7 +252,7 @@ class Mapper:
             off = SE2.from_array(at).inverse() @ SE2.from_array(self._poses[early]) @ found.transform
             is_near = np.hypot(off.x, off.y) <= reach[early] and abs(off.theta) <= TURNED
             if found.status is Status.OK and is_near and (found.weakest_information or np.inf) >= LEAST_POINTS:
-                return Relation(int(early), found.transform, found.covariance + np.diag(STEP_SPREAD) ** 2)
+                return Relation(int(early), found.transform, found.covariance + np.diag(LOOP_SPREAD) ** 2)
         return None
 
     def _comparable(self, update: OdometryUpdate) -> NDArray[np.bool_]:

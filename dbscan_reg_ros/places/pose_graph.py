@@ -69,23 +69,22 @@ def optimise(poses, constraints: Constraints):
     from scipy.sparse.linalg import spsolve
 
     pairs, poses = constraints.pairs, poses.copy()
-    first, second = pairs.T
     root = np.linalg.inv(np.linalg.cholesky(constraints.covariances_in_first()))
-    rows = np.arange(3 * len(pairs)).reshape(-1, 3, 1)
-    rows = np.broadcast_to(rows, (len(pairs), 3, 6))
-    columns = np.broadcast_to(np.concatenate((3 * first[:, None] + np.arange(3), 3 * second[:, None] + np.arange(3)),
-                                             axis=1)[:, None], rows.shape)
-    held = diags(np.concatenate(([1e9] * 3, [1e-9] * (3 * len(poses) - 3))))
+    index = (3 * pairs[:, :, None] + np.arange(3)).reshape(-1, 6)
+    entries = np.repeat(index, 6, axis=1).ravel(), np.tile(index, 6).ravel()
+    held = diags(np.concatenate(([1e9] * 3, [1e-9] * (3 * len(poses) - 3))), format='csc')
     now, error, cost = _errors(poses, constraints, root)
     for _ in range(ROUNDS):
         weight = 1.0 / np.sqrt(1.0 + (error ** 2).sum(axis=1, keepdims=True) / ROBUST ** 2)
-        c, s = np.cos(poses[first, 2]), np.sin(poses[first, 2])
+        c, s = np.cos(poses[pairs[:, 0], 2]), np.sin(poses[pairs[:, 0], 2])
         zero, one = np.zeros(len(pairs)), np.ones(len(pairs))
         jacobian = np.array([[-c, -s, now[:, 1], c, s, zero], [s, -c, -now[:, 0], -s, c, zero],
                              [zero, zero, -one, zero, zero, one]]).transpose(2, 0, 1)
         jacobian = weight[:, :, None] * (root @ jacobian)
-        matrix = coo_matrix((jacobian.ravel(), (rows.ravel(), columns.ravel()))).tocsc()
-        step = spsolve((matrix.T @ matrix + held).tocsc(), -(matrix.T @ (weight * error).ravel())).reshape(-1, 3)
+        transposed = jacobian.transpose(0, 2, 1)
+        gradient = np.bincount(index.ravel(), (transposed @ (weight * error)[:, :, None]).ravel(), 3 * len(poses))
+        normal = coo_matrix(((transposed @ jacobian).ravel(), entries), held.shape).tocsc() + held
+        step = -spsolve(normal, gradient, 'MMD_AT_PLUS_A').reshape(-1, 3)
         if np.abs(step).max() < CONVERGED:
             poses += step
             break
