@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The localiser or the mapper in a thread of its own, so that no callback waits for it."""
+import os
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -19,6 +20,9 @@ from ...places.mapper import Mapper
 from ...places.pose_graph import PoseGraph
 from ...robot.base_state import InitialPose
 
+NICENESS = 10
+"""By how much the thread is nicer than that of the odometry, which goes first where both want one processor; on Linux
+the niceness is that of a thread."""
 WAITING = 100
 """While so many scans wait, those that are no key frames are left out."""
 
@@ -73,7 +77,7 @@ class Tracking:
     def __init__(self, parameters: Parameters, builds: bool) -> None:
         self.results: deque[Found] = deque()
         self._parameters = parameters
-        self._thread = ThreadPoolExecutor(1, 'map')
+        self._thread = ThreadPoolExecutor(1, 'map', os.nice, (NICENESS,))
         # Both are used in the thread only.
         self._mapper = Mapper(parameters) if builds else None
         self._localizer: Localizer | None = None

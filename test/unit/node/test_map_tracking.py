@@ -2,6 +2,8 @@
 """Maps as messages, and the thread in which the robot is tracked."""
 import array
 import math
+import os
+import sys
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from nav_msgs.msg import OccupancyGrid
 
 from dbscan_reg_ros import SE2, Map, Odometry, Parameters
 from dbscan_reg_ros.node.map.messages import graph_to_message, grid_from_message, grid_to_message
-from dbscan_reg_ros.node.map.tracking import Tracking
+from dbscan_reg_ros.node.map.tracking import NICENESS, Tracking
 from dbscan_reg_ros.places.grid import Grid
 from dbscan_reg_ros.places.localizer import State
 from dbscan_reg_ros.places.pose_graph import Constraints, PoseGraph
@@ -120,6 +122,14 @@ def test_a_pose_that_was_set_before_the_map_came_counts_and_outlives_another_map
     assert math.hypot(off.x, off.y) < 0.1
     tracking.restart()
     assert not tracking.results
+    tracking.close()
+
+
+@pytest.mark.skipif(sys.platform != 'linux', reason='elsewhere the niceness is that of the process')
+def test_the_odometry_goes_before_the_map_on_one_processor():
+    own, tracking = os.getpriority(os.PRIO_PROCESS, 0), Tracking(Parameters(), builds=True)
+    assert tracking.read(lambda: os.getpriority(os.PRIO_PROCESS, 0)).result() == min(own + NICENESS, 19)
+    assert os.getpriority(os.PRIO_PROCESS, 0) == own
     tracking.close()
 
 
