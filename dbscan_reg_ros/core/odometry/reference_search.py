@@ -10,6 +10,7 @@ from ..mapping.dynamic_points import without_dynamic_points
 from ..mapping.key_frame import KeyFrame
 from ..mapping.scan_to_map import expected_observability, information_along
 from ..parameters.tree import Parameters
+from ..registration.confidence.model import LIKELY
 from ..registration.pipeline import register, register_within_gate
 from ..registration.problem import SearchStage
 from ..registration.records import Prior, Registration, Status
@@ -58,7 +59,7 @@ class ReferenceSearch:
         if outcome.match is None or (self._gate.weak_prior and not outcome.is_certain):
             outcome = outcome.joined(self._match_scan_before(outcome.match))
         if self._gate.predictions.interval.missing and not (
-                outcome.is_certain and self._is_same_place(outcome.registration)):
+                outcome.is_certain and place_confidence(outcome.registration) > LIKELY):
             outcome = outcome._replace(match=None)
         return outcome._replace(search_near=self._search_near, rejoined=self._match_lost_map(outcome.match))
 
@@ -139,14 +140,10 @@ class ReferenceSearch:
             registration = register(features, self._features, parameters, prior, SearchStage.NORMAL)
             pose = frame.pose @ registration.transform
             verdict = self._gate.check_lost_map(expected, covariance, pose, registration)
-            if verdict.decision is Decision.ACCEPT and (not lost.gap or self._is_same_place(registration)):
+            if verdict.decision is Decision.ACCEPT and (not lost.gap or place_confidence(registration) > LIKELY):
                 return Match(key_frame=frame, pose=pose, unresolved_direction=None, registration=registration,
                              features=self._features, verdict=verdict)
         return None
-
-    def _is_same_place(self, registration: Registration) -> bool:
-        """Whether a scan after a gap is from the place where it was found."""
-        return place_confidence(registration) >= self._search_parameters.decision.min_confidence
 
     def _is_final(self, match: Match) -> bool:
         """Whether no other reference can improve the match: it is accepted, or degenerate due to the scan itself."""

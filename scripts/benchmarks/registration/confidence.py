@@ -9,7 +9,6 @@ from dbscan_reg_ros.commands.workers import workers
 from dbscan_reg_ros.core.errors import ScanError
 from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.references import search_parameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.confidence.assessment import evidence_of
 from dbscan_reg_ros.core.registration.confidence.evidence import evidence_terms
@@ -18,7 +17,6 @@ from dbscan_reg_ros.core.registration.confidence.model import (
     PLACE_COEFFICIENTS,
     PLACE_INTERCEPT,
     confidence,
-    probability,
 )
 from dbscan_reg_ros.core.registration.pipeline import register
 from dbscan_reg_ros.core.registration.problem import Problem, SearchStage
@@ -241,8 +239,7 @@ def places_summary(found) -> tuple:
     """Return the metrics and the text of first scans after gaps: how many are taken to be from the place they fit."""
     terms, right = (np.concatenate(part) for part in zip(*found, strict=True))
     odds = PLACE_INTERCEPT + terms @ np.array([*PLACE_COEFFICIENTS.values()])
-    least = search_parameters(Parameters()).decision.min_confidence
-    believed = np.array([probability(each) for each in odds]) >= least
+    believed = odds > 0.0
     metrics = {'place_recall': float(believed[right].mean()), 'place_wrong': float(believed[~right].mean())}
     return metrics, (f'first scans after gaps: {right.sum()} in the right place, of these believed '
                      f'{100 * metrics["place_recall"]:.1f} %; {(~right).sum()} wrong or from another place, of these '
