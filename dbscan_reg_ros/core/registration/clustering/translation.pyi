@@ -4,8 +4,8 @@ from ...features.records import Segments
 from ...geometry.array_types import FloatArray
 from ...parameters.registration import TranslationParameters
 from ..hypotheses import Rotations, Translations
+from ..problem import Problem
 from ..records import Prior
-from ..search import Problem
 
 def estimate_translations(
     reference: Segments,

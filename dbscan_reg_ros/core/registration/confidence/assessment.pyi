@@ -3,8 +3,8 @@
 from ...geometry.array_types import FloatArray
 from ..hypotheses import Assessment
 from ..point_to_line import Hypotheses
+from ..problem import Problem
 from ..records import Evidence
-from ..search import Problem
 
 def assess(problem: Problem, found: Hypotheses) -> Assessment: ...
 def evidence_of(problem: Problem, candidates: FloatArray) -> list[Evidence]: ...
