@@ -130,8 +130,9 @@ cdef class Gate:
     cdef bint _is_likely(self, pose, registration, alternative):
         """Whether a result without a prediction is more likely than the `alternative`, if there is one.
 
-        The confidence of a degenerate result does not cover the degenerate direction. Such a result can replace only an
-        alternative that is degenerate too, and must constrain this direction by at least half as many points.
+        The confidence of a degenerate result does not cover the degenerate direction. Such a result needs an
+        alternative: one of less confidence, or one that is degenerate too, of which at most twice as many points
+        constrain that direction.
         """
         if (registration.status is Status.FAILED or not (self.weak_prior and self.predictions.by_motion_model)
                 or not self._near_prediction(pose, registration)):
@@ -142,7 +143,7 @@ cdef class Gate:
         if alternative is None:
             return not degenerate
         if alternative.status is not Status.DEGENERATE:
-            return not degenerate and registration.confidence > alternative.confidence
+            return registration.confidence > alternative.confidence
         least = INFORMATION_RATIO * (alternative.weakest_information or 0.0) - TINY
         return not degenerate or (registration.weakest_information or 0.0) >= least
 
