@@ -9,8 +9,8 @@ from rclpy.node import Node
 from ..core.errors import ParameterError
 from ..core.geometry.se2 import DOF, SE2
 from ..core.geometry.symmetric_matrix import as_covariance
-from ..core.odometry.models.covariance import motion_without_scans
 from ..core.odometry.models.stamps import ScanInterval
+from ..core.odometry.models.unobserved_motion import motion_without_scans
 from ..paths import expanded
 from ..recordings.files import replacing
 from ..robot.base_state import BaseState, InitialPose

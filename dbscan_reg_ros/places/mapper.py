@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..core.features.records import Features
 from ..core.geometry.se2 import DOF, SE2, lever_arm, turned
-from ..core.odometry.models.covariance import displacement_covariance
+from ..core.odometry.models.unobserved_motion import displacement_covariance
 from ..core.odometry.records import OdometryUpdate
 from ..core.parameters.tree import Parameters
 from ..core.registration.pipeline import register
@@ -128,7 +128,7 @@ class Mapper:
         self.seen_again, self._gap = None, self._gap or bool(update.restarted)
         if self._track and not update.starts_track:
             self._search(update)
-        if update.reference_changed:
+        if update.is_key_frame:
             self._add(update)
         return self._report(update)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..core.geometry.mounting import Mounting
 from ..core.geometry.se2 import SE2, lever_arm, turn_matrix, turned
-from ..core.odometry.models.covariance import displacement_covariance
+from ..core.odometry.models.unobserved_motion import displacement_covariance
 from ..core.odometry.records import OdometryUpdate
 from ..core.parameters.tree import Parameters
 from ..core.registration.records import Prior

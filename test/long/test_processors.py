@@ -18,7 +18,7 @@ for make in (rooms, corridor, hall):
     world, odometry = make(seed=1), Odometry()
     for scan in simulate(world, follow(world.tour), LIDARS['rplidar_a'], seed=1).scans[:200]:
         update = odometry.process(scan)
-        found.append([update.status.name, update.reference_changed, *update.pose.as_tuple()])
+        found.append([update.status.name, update.is_key_frame, *update.pose.as_tuple()])
 print(json.dumps(found))
 """
 

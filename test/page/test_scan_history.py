@@ -25,7 +25,7 @@ def update(number, status, points, segments):
     reason = '' if status is Status.OK else f'score 0.{number % 100:02}, expected at least 0.5 (decision.min_score)'
     return SimpleNamespace(
         number=number, reference_number=max(number - 1, 0), status=status, features=features, restarted='',
-        registration=SimpleNamespace(reason=reason, overlap=0.9), reference_changed=number % 10 == 0,
+        registration=SimpleNamespace(reason=reason, overlap=0.9), is_key_frame=number % 10 == 0,
         covariance=np.diag((1e-4, 2e-4, 1e-6)))
 
 

@@ -14,7 +14,7 @@ cdef Py_ssize_t MIN_RANGES = 8
 cdef double QUANTILE = 0.3, NORMAL = 0.38532
 # Errors are no noise if their quantile 0.7 exceeds this multiple of their quantile 0.3 (2.7 for |N(0, 1)|).
 cdef double MAX_SPREAD = 4.0
-# Points whose range noise [m] exceeds this get a smaller weight.
+# Noise by the range [m] above which a point is noisier than the scan.
 cdef double TYPICAL = 0.05
 
 
@@ -162,7 +162,7 @@ def range_noise(const double[::1] radius, double noise, double ratio):
     noise : float
         Standard deviation of a range of the scan [m].
     ratio : float
-        Standard deviation of a range as a fraction of the range. Where ``ratio * radius`` exceeds `TYPICAL_NOISE`, the
+        Standard deviation of a range as a fraction of the range. Where ``ratio * radius`` exceeds `TYPICAL`, the
         excess is added to `noise`.
     """
     result = np.empty(radius.shape[0])

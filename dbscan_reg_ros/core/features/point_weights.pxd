@@ -2,9 +2,10 @@
 # cython: language_level=3, cdivision=True
 """What the weight of a point is made of.
 
-In a refinement a point weighs its own weight (1 on a wall) times the kernel of its error, 0 where the normals of point
-and line disagree. In a score its leverage and its own weight replace the equal shares of all points. The errors are
-divided by the noise of the point (`OrientedPoints.inverse_noise`) before.
+In a refinement a point weighs its own weight times the kernel of its error, 0 where the normals of point and line
+disagree (`registration/point_to_line.pyx`, `fit.pyx`, `mapping/lookup.pyx`). Its own weight is 1 on a wall, and set for
+poles (`poles.pyx`) and movable objects (`mapping/dynamic_points.pyx`). In a score its leverage and its own weight replace
+the equal shares of all points. The errors are divided by the noise of the point (`OrientedPoints.inverse_noise`) before.
 
 In the alignment with the map a point is paired with lines of several key frames (`mapping/correspondences.pyx`): the
 kernels of all its pairs are scaled to sum to at most 1 (`Correspondences.weigh`). Of several lidars, a pair with a key

@@ -35,7 +35,7 @@ class Outcome(IntEnum):
     SMOOTHED = 1
     """Noise: the point is replaced by the mean of the inner ring."""
     CORNER = 2
-    """An outlier beside many other outliers: it is taken as a corner and kept as measured."""
+    """An outlier beside many other outliers: it is taken as a corner and kept as measured. Corners are found later."""
     REMOVED = 3
     """Noise next to a corner, or a gross outlier: the point is removed."""
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
-"""Line segments of a scan: split and join instead of Eq. 6, fits (Eq. 7) and the kinds of their ends (section 2.2)."""
+"""Line segments of a scan: split and join instead of Eq. 6, fits (Eq. 7); corners and other ends (section 2.2)."""
 import numpy as np
 
 from ..geometry import tolerance

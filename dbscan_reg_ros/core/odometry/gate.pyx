@@ -13,7 +13,7 @@ from ..registration.confidence.model import LIKELY
 from ..registration.records import Status
 from ..registration.status import WEAK_PRIOR_SIGMA, demoted_if_weak, observability_ratio
 from ..sensor import FIRST
-from .models.covariance import unknown_motion_covariance
+from .models.unobserved_motion import unknown_motion_covariance
 from .state import Mode
 from .verdict import Decision, Reason, Verdict
 

@@ -2,7 +2,8 @@
 """Key-frame decision: whether a scan becomes a key frame.
 
 A scan becomes the latest key frame if `is_due` is true. If only `completes_map` is true, the scan is inserted into the
-window before the latest key frame.
+window before the latest key frame. The first scans of a track, of a further sensor and of a chain become key frames
+without this decision (`update.start`, `join`, `follow`).
 """
 import math
 

@@ -27,7 +27,7 @@ from .models.stamps import Jump, ScanInterval, middle_offset
 from .prediction import Predictions, predict
 from .records import OdometryUpdate
 from .reference_search import ReferenceSearch
-from .references import Outcome, search_parameters
+from .references import SearchOutcome, search_parameters
 from .report import report_waiting
 from .state import Mode, SensorState, TrackState
 
@@ -259,7 +259,7 @@ class Odometry:
         search, stamps = state.sensors[sensor.name].timing, state.sensors[sensor.name].stamps
         if result.starts_track:
             search.restart_track()
-        if search.found or result.status is not Status.OK or not (result.reference_changed and p.odometry.deskew):
+        if search.found or result.status is not Status.OK or not (result.is_key_frame and p.odometry.deskew):
             return result
         ratio = stamps.ratio(stamps.duration)
         twist = ratio * sensor.twist_of(state.motion.twist)
@@ -277,7 +277,7 @@ class Odometry:
             self._limited[limits] = dataclasses.replace(self._parameters, scan=limits)
         return self._limited[limits]
 
-    def _search(self, features: Features, gate: Gate) -> tuple[Gate, Outcome]:
+    def _search(self, features: Features, gate: Gate) -> tuple[Gate, SearchOutcome]:
         """Register the scan to the local map and, if needed, to other references; where wheels slip, without them."""
         for used in filter(None, (gate.without_wheels(), gate)):
             outcome = ReferenceSearch(features, self._state, used, self._parameters, self._search_parameters).run()
@@ -286,13 +286,13 @@ class Odometry:
         update.remember_search(self._state, outcome)
         return used, outcome
 
-    def _starts_in_motion(self, outcome: Outcome, gate: Gate) -> bool:
+    def _starts_in_motion(self, outcome: SearchOutcome, gate: Gate) -> bool:
         """Whether the second scan of a track proves that the sensor moved during the first."""
         state, match = self._state, outcome.match
         return (state.tracking.mode is Mode.STARTING and match is not None
                 and gate.starts_in_motion(match.pose, match.registration, gate.sensor.pose_at(state.pose)))
 
-    def _start_in_motion(self, scan: Scan, outcome: Outcome, gate: Gate) -> tuple[Features, Gate]:
+    def _start_in_motion(self, scan: Scan, outcome: SearchOutcome, gate: Gate) -> tuple[Features, Gate]:
         """Deskew the first two scans of a track with their motion; return features and gate of the second scan."""
         state, predictions, sensor = self._state, gate.predictions, gate.sensor
         assert outcome.match is not None

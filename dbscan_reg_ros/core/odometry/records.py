@@ -40,7 +40,7 @@ class OdometryUpdate:
         Features of the key frame that the scan was registered to.
     reference_pose : SE2
         Pose in the odometry frame of the sensor that measured `reference`, at the time of that key frame.
-    reference_changed : bool
+    is_key_frame : bool
         Whether this scan becomes a key frame.
     restarted : str
         If `registration` is None: why tracking restarted at this scan. Otherwise what is wrong with the stamp of the
@@ -76,7 +76,7 @@ class OdometryUpdate:
     features: Features
     reference: Features | None
     reference_pose: SE2
-    reference_changed: bool
+    is_key_frame: bool
     restarted: str = ''
     wheel_correction: np.ndarray = field(default_factory=lambda: np.zeros((DOF, DOF)))
     number: int = 0
@@ -104,12 +104,12 @@ class OdometryUpdate:
     @property
     def starts_track(self) -> bool:
         """Whether a track starts with this scan."""
-        return self.registration is None and self.reference_changed and not self.joined
+        return self.registration is None and self.is_key_frame and not self.joined
 
     @property
     def waits(self) -> bool:
         """Whether the scan was not used: the track and its time have not changed."""
-        return self.registration is None and not self.reference_changed
+        return self.registration is None and not self.is_key_frame
 
     @property
     def scan_pose(self) -> SE2:
@@ -119,7 +119,7 @@ class OdometryUpdate:
     def __repr__(self) -> str:
         """Return one line with scan, pose, twist and status."""
         vx, vy, omega = self.twist
-        marks = ', becomes a reference' * self.reference_changed
+        marks = ', becomes a key frame' * self.is_key_frame
         marks += f', restarted: {self.restarted}' * bool(self.restarted)
         return (f'OdometryUpdate(scan {self.number} at {self.stamp} ns, {self.pose.brief()}, '
                 f'{sigma_text(self.covariance, "odom")}, twist {vx:.3f} m/s, {vy:.3f} m/s, {omega:.3f} rad/s, '

@@ -16,11 +16,11 @@ from ..registration.problem import SearchStage
 from ..registration.records import Prior, Registration, Status
 from ..registration.status import demoted_if_poor, place_confidence
 from .gate import Gate
-from .models.covariance import displacement_covariance
+from .models.unobserved_motion import displacement_covariance
 from .references import (
     Match,
-    Outcome,
     Reference,
+    SearchOutcome,
     fallback_references,
     is_recoverable,
     nearest_first,
@@ -53,7 +53,7 @@ class ReferenceSearch:
         self._search_near, self._sensor = state.tracking.search_near, gate.sensor.name
         self._margin = parameters.odometry.dynamic_margin
 
-    def run(self) -> Outcome:
+    def run(self) -> SearchOutcome:
         """Register to the local map, or else to the previous scan; after a loss also to the map before the loss."""
         outcome = self._search_map()
         if outcome.match is None or (self._gate.weak_prior and not outcome.is_certain):
@@ -63,7 +63,7 @@ class ReferenceSearch:
             outcome = outcome._replace(match=None)
         return outcome._replace(search_near=self._search_near, rejoined=self._match_lost_map(outcome.match))
 
-    def _search_map(self) -> Outcome:
+    def _search_map(self) -> SearchOutcome:
         """Register to the local map; unless that match is final, register to the `fallback_references` as well."""
         window, best = self._state.key_frames, self._gate.predictions.best
         static = self._features
@@ -71,7 +71,7 @@ class ReferenceSearch:
             static = without_dynamic_points(static, best.pose, window, self._parameters, self._sensor)
         latest = Reference(window.frames_of(self._sensor)[-1], window.local_map_of(self._sensor))
         match = self._match(latest, static, None)
-        outcome = Outcome(None, match.registration).joined(match)
+        outcome = SearchOutcome(None, match.registration).joined(match)
         if not self._is_final(match):
             for reference in fallback_references(self._state, best.pose, match.registration, self._parameters,
                                                  self._sensor):

@@ -74,7 +74,7 @@ class Match:
         return none * predicted.gate_covariance + spread(self.pose, [predicted.pose, *poses], [none, *weights])
 
 
-class Outcome(NamedTuple):
+class SearchOutcome(NamedTuple):
     """Result of the search over all references.
 
     Attributes
@@ -117,7 +117,7 @@ class Outcome(NamedTuple):
         return dataclasses.replace(registration, status=Status.FAILED if failed else Status.AMBIGUOUS,
                                    reason='; '.join(filter(None, (registration.reason, rejection.value))))
 
-    def joined(self, match: Match) -> 'Outcome':
+    def joined(self, match: Match) -> 'SearchOutcome':
         """Add a match: an accepted match replaces the present one, a tentative match is used only if there is none."""
         verdict = match.verdict
         if verdict.decision is Decision.ACCEPT or (verdict.decision is Decision.TENTATIVE and self.match is None):
@@ -126,7 +126,7 @@ class Outcome(NamedTuple):
             return self
         return self._without(match)
 
-    def _without(self, match: Match) -> 'Outcome':
+    def _without(self, match: Match) -> 'SearchOutcome':
         """Store from a rejected `match` a better guess and the first reason."""
         verdict = match.verdict
         if verdict.reason is Reason.GUESS:

@@ -37,7 +37,7 @@ def report(state: TrackState, features: Features, step: ReportedStep) -> Odometr
         interval=step.interval.length, increment=increment, status=step.status, registration=step.registration,
         features=features, reference=None if frame is None else frame.features,
         reference_pose=step.sensor.pose_at(pose) if frame is None else state.output.corrected(frame.pose),
-        reference_changed=step.is_key_frame, restarted=step.interval.reason,
+        is_key_frame=step.is_key_frame, restarted=step.interval.reason,
         wheel_correction=state.wheels.matrix.copy(),
         number=number, reference_number=None if frame is None else frame.number, sensor=step.sensor,
         joined=step.joined, repeats=step.repeats,

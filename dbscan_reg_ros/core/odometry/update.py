@@ -34,7 +34,7 @@ from .models.stamps import ScanInterval
 from .models.wheel_calibration import WheelCalibration
 from .prediction import Predictions
 from .records import OdometryUpdate
-from .references import Match, Outcome
+from .references import Match, SearchOutcome
 from .report import ReportedStep, report
 from .state import LostMap, Mode, Tracking, TrackState
 from .verdict import Reason
@@ -101,12 +101,12 @@ def reset_velocity(state: TrackState) -> None:
     state.covariance.reset_twist()
 
 
-def remember_search(state: TrackState, outcome: Outcome) -> None:
+def remember_search(state: TrackState, outcome: SearchOutcome) -> None:
     """Store what the next search needs of an `outcome`."""
     state.tracking = state.tracking._replace(search_near=outcome.search_near)
 
 
-def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p: Parameters) -> OdometryUpdate:
+def coast(state: TrackState, features: Features, outcome: SearchOutcome, gate: Gate, p: Parameters) -> OdometryUpdate:
     """Update with a scan that could not be registered.
 
     The predicted pose is used for `odometry.coast_time`. After that the velocity is reset, and only external priors
@@ -139,7 +139,7 @@ def coast(state: TrackState, features: Features, outcome: Outcome, gate: Gate, p
         key_frame=state.key_frames.frames_of(sensor.name)[-1], sensor=sensor))
 
 
-def follow(state: TrackState, outcome: Outcome, gate: Gate, p: Parameters) -> OdometryUpdate:
+def follow(state: TrackState, outcome: SearchOutcome, gate: Gate, p: Parameters) -> OdometryUpdate:
     """Update with a registered scan: align it with the map; update motion, covariances, key frames and heading.
 
     If the scan can be registered only to the previous scan, and that one could not be registered to the map, a chain
@@ -169,7 +169,7 @@ def _begin_chain(state: TrackState, first: KeyFrame, interval: ScanInterval) -> 
     state.tracking = state.tracking._replace(lost_time=0.0, lost=state.lost_map_after(interval), found=pose)
 
 
-def _rejoin(state: TrackState, outcome: Outcome, p: Parameters) -> None:
+def _rejoin(state: TrackState, outcome: SearchOutcome, p: Parameters) -> None:
     """Return to the map before the loss; the key frames since the loss, if there are any, are moved into that map."""
     lost, found, chained = state.tracking.lost, outcome.rejoined, outcome.match
     assert lost is not None and found is not None

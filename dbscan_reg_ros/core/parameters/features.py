@@ -37,7 +37,8 @@ class ScanParameters(ParameterGroup):
     noise_ratio_max: float = parameter(
         0.05, bounds=(0.0, 0.5), case='course far_noise',
         help='Upper limit of the estimated ratio of range noise to range, for sensors whose far returns are noisier '
-             'than near ones. Larger values allow lower weights of far returns; 0 gives all returns the same weight.')
+             'than near ones. With larger values errors of far returns can count less; with 0 all have the same '
+             'noise.')
     direction: str = parameter(
         AUTO, bounds=DIRECTIONS,
         help='Direction in which the sensor turns, seen from above. With as_sent, the beams are measured in the order '

@@ -91,7 +91,7 @@ class Outputs:
         """Store the last ``odometry.key_frames`` key frames of each lidar for ``local_map``."""
         if update.starts_track:
             self._key_frames.clear()
-        if update.reference_changed:
+        if update.is_key_frame:
             self._key_frames.append(_KeyFrame(update.features, update.scan_pose))
             self._has_new_key_frame = True
         del self._key_frames[:-self.parameters.odometry.key_frames * self.lidars]

@@ -115,7 +115,7 @@ class Tracking:
         sensor_pose : SE2
             Pose in the base frame of the sensor that is tracked.
         """
-        if self.waiting < WAITING or update.reference_changed:
+        if self.waiting < WAITING or update.is_key_frame:
             self.waiting += 1
             self._do(lambda: self._process(update, sensor_pose)).add_done_callback(self._count_down)
 

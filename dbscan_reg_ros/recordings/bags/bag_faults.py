@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reasons why a bag cannot be opened, and the remedies, determined from the first and last bytes of its files."""
+"""Format of a bag, reasons why it cannot be opened, and the remedies, from the first and last bytes of its files."""
 import shlex
 from pathlib import Path
 from typing import NamedTuple

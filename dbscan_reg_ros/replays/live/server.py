@@ -13,7 +13,7 @@ from ...core.errors import DbscanRegError
 from ...evaluation.known_motion import KnownMotion
 from ...figures.plots import density_map
 from ..page.encoding import script_json
-from ..page.report import Report, page_data, page_parts
+from ..page.report import SCRIPTS, Report, page_data, page_parts
 from ..trajectory import Trajectory
 from .live_drive import LiveDrive
 
@@ -177,7 +177,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 LEVELS = 'ok', 'warning', 'error', 'stale'
 """Levels of a report on ``/diagnostics``."""
-SCRIPTS = 'drive.js', 'drawing.js', 'plots.js', 'map_view.js', 'pairs.js', 'page.js', 'live.js'
+LIVE_SCRIPTS = *SCRIPTS[:-1], 'live.js'
 
 
 def live_page(title: str) -> bytes:
@@ -190,4 +190,4 @@ def live_page(title: str) -> bytes:
                                'unit': 'm/s', 'log': False, 'values': ''}]
     data['nothing'] = ''
     contents = {'data': script_json(data), 'scans': scans, 'connect': "; connect-src 'self'", 'index': ''}
-    return ''.join(page_parts(contents, scripts=SCRIPTS)).encode()
+    return ''.join(page_parts(contents, scripts=LIVE_SCRIPTS)).encode()

@@ -116,7 +116,7 @@ class ScanHistory:
         return ScanRecord(
             update.number, -1 if update.reference_number is None or registration is None else update.reference_number,
             update.status, (registration.reason if registration else '') or update.restarted,
-            registration.overlap if registration else 0.0, update.reference_changed or registration is None,
+            registration.overlap if registration else 0.0, update.is_key_frame or registration is None,
             turned(update.covariance, self._back.theta), _stored(points)[::self.beam_step], _stored(ends))
 
     def _drop_scans(self, ok):

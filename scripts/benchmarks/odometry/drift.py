@@ -19,8 +19,8 @@ from dbscan_reg_ros.recordings import data_folder, write_csv
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.robot.scan_buffer import RecordedScans
 
-from ..report import Report, at_most
-from .bounds import DRIFT, HARDER, INTEL
+from ..report import Report
+from .bounds import DRIFT, HARDER, no_worse
 from .course import Course, noised, scatter
 from .courses import COURSES
 
@@ -177,7 +177,7 @@ def measure(args) -> Report:
         bounds = dict(DRIFT.get(name, {}))
         if args.prior == 'wheel' and OURS in rows and name == 'intel':
             rows[LASER_ONLY] = mean_of([judge(drive(OURS, course, f'{name} {LASER_ONLY}')) for course in courses])
-            bounds |= _no_worse(rows[LASER_ONLY])
+            bounds |= no_worse(rows[LASER_ONLY])
         report.add(name, rows, bounds, SHOWN, prefix='' if name == 'intel' else f'{name}_')
     return report
 
@@ -209,12 +209,6 @@ def in_copies(courses, methods, args) -> dict:
 def judged_copy(method, course, seed, prior):
     """Return the result of `judge` for the copy of a course with noise of this `seed`."""
     return judge(drive(method, noised(course, seed), f'copy {seed}', prior))
-
-
-def _no_worse(laser_only):
-    """With the wheels no measure may be worse than without; the steps' 95th percentile must be better."""
-    bounds = {name: at_most(laser_only[name]) for name in INTEL if name in laser_only and not name.startswith('ms')}
-    return bounds | {'step_p95_m': at_most(np.nextafter(laser_only['step_p95_m'], 0.0))}
 
 
 def mean_of(rows):

@@ -17,14 +17,13 @@ from dbscan_reg_ros.evaluation.metrics import errors
 from dbscan_reg_ros.recordings import data_folder
 from dbscan_reg_ros.recordings.poses import relative
 
-from ..report import Report, at_least, at_most
+from ..report import Report
+from .bounds import SPARSE
 from .drift import drive
 from .hard_courses import sparse_aces, sparse_buildings, sparse_intel
 
 TRANSLATION, ROTATION = 0.15, 3.0
 """A step is right within this [m], [deg]."""
-BOUNDS = {f'intel_{distance}m': {'odometry': at_least(share), 'failed_ok_count': at_most(0)}
-          for distance, share in ((0.8, 0.995), (1.2, 0.995), (1.6, 0.99), (2.0, 0.97), (2.4, 0.93))}
 
 
 def measure(args) -> Report:
@@ -39,7 +38,7 @@ def measure(args) -> Report:
             continue
         for name in args.method or ('dbscan',):
             rows = {course: compared(name, chosen[course], course) for course in chosen}
-            report.add_courses(title, grouped(rows), name, BOUNDS if args.limit is None else None)
+            report.add_courses(title, grouped(rows), name, SPARSE if args.limit is None else None)
     return report
 
 

@@ -14,8 +14,8 @@ from dbscan_reg_ros.core.registration.records import Status
 from dbscan_reg_ros.evaluation.metrics import apart, errors
 from dbscan_reg_ros.recordings.poses import relative
 
-from ..report import Report, at_least, at_most
-from . import moving_courses
+from ..report import Report
+from .bounds import WORST
 from .drift import chosen, drive, pose_within
 
 COURSES = ('passers', 'covered', 'spin', 'spinup', 'narrow', 'curved', 'stops', 'pillar', 'doors', 'companions')
@@ -28,10 +28,6 @@ STRETCH = 0.2, 5.0
 STRETCH_SECONDS = 2.0
 SETTLED = 5
 """Scans at the start of a rotation that are not judged."""
-BOUNDS = {
-    **{name: {'silent_count': at_most(0), 'stretches_count': at_most(0)}
-       for name in ('passers', *moving_courses.COURSES)},
-    'spin': {'rate_rms_deg': at_most(np.degrees(0.03)), 'rate_within': at_least(0.97)}}
 
 
 def measure(args) -> Report:
@@ -44,7 +40,7 @@ def measure(args) -> Report:
             groups = {course.group: [row for each, row in zip(courses, rows, strict=True) if each.group == course.group]
                       for course in courses}
             table = {f'{name}_{group}': summary(each) for group, each in groups.items()} if len(groups) > 1 else {}
-            report.add_courses(name, table | {name: summary(rows)}, method, BOUNDS)
+            report.add_courses(name, table | {name: summary(rows)}, method, WORST)
     return report
 
 

@@ -11,8 +11,8 @@ from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.geometry.se2 import SE2
 from dbscan_reg_ros.core.mapping.key_frame import KeyFrame
 from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
-from dbscan_reg_ros.core.odometry.models.covariance import motion_without_scans
 from dbscan_reg_ros.core.odometry.models.stamps import Jump, ScanInterval
+from dbscan_reg_ros.core.odometry.models.unobserved_motion import motion_without_scans
 from dbscan_reg_ros.core.odometry.references import search_parameters
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.pipeline import register
@@ -111,7 +111,7 @@ def _mapped(scans):
             update = odometry.process(scan)
         except ScanError:
             continue
-        if update.reference_changed:
+        if update.is_key_frame:
             frame = KeyFrame(update.features, update.pose, number=update.number)
             window = KeyFrameWindow((frame,)) if window is None else window.with_frame(
                 frame, odometry.parameters.odometry.window_size)

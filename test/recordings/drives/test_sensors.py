@@ -95,7 +95,7 @@ def test_a_lidar_with_a_wrong_mounting_joins_without_a_jump(drive):
     scans, truth = drive
     wrong = Sensor('rear', REAR_SENSOR.pose @ SE2(0.05, 0.0, math.radians(3.0)))
     front, rear = updates_of(scans, wrong)
-    joined = next(update for update in rear if update.registration is None and update.reference_changed)
+    joined = next(update for update in rear if update.registration is None and update.is_key_frame)
     before = [update for update in front if update.stamp < joined.stamp][-1]
     moved = true_motion(truth, front[0].stamp, before.stamp)
     assert distance(before.pose, moved) < 0.01

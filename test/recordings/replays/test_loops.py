@@ -116,7 +116,7 @@ def test_a_closure_stretches_the_degenerate_part_of_a_corridor_for_any_mounting(
     assert loops.found and mean_distance(short, truth) > 0.2
     assert mean_distance(loops.poses(1.5), truth) < 0.03
     # All key frames of the odometry are kept, but a place seen again has no further view in the map.
-    assert len(loops.mapper.numbers) == sum(update.reference_changed for update in updates)
+    assert len(loops.mapper.numbers) == sum(update.is_key_frame for update in updates)
     assert len(loops.mapper.map().views) < len(loops.mapper.numbers)
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from dbscan_reg_ros.core.geometry.se2 import SE2
-from dbscan_reg_ros.core.odometry.models.covariance import unknown_motion_covariance
 from dbscan_reg_ros.core.odometry.models.motion import ConstantVelocityModel, MotionConstraints
 from dbscan_reg_ros.core.odometry.models.stamps import Jump, ScanInterval
+from dbscan_reg_ros.core.odometry.models.unobserved_motion import unknown_motion_covariance
 from dbscan_reg_ros.core.parameters.registration import SEARCH_DISTANCE
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Prior

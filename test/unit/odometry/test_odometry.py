@@ -100,7 +100,7 @@ def test_a_scan_of_noise_is_coasted_over():
         update = odometry.process(scan)
         if wild:
             assert update.status is not Status.OK
-            assert not update.reference_changed
+            assert not update.is_key_frame
             assert error(update, pose)[0] < 0.03
     assert update.status is Status.OK
     assert error(update, poses[-1])[0] < 0.03
@@ -351,7 +351,7 @@ def test_a_reset_starts_at_the_pose_given():
     update = odometry.process(scan_at(SE2(), 50))
     assert update.pose == SE2(3.0, 2.0, 1.0)
     assert update.registration is None
-    assert update.reference_changed
+    assert update.is_key_frame
 
 
 def test_a_sensor_at_rest_stays_nearer_to_its_place_than_its_noise():

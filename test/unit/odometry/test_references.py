@@ -14,7 +14,7 @@ from dbscan_reg_ros.core.mapping.key_frame_window import KeyFrameWindow
 from dbscan_reg_ros.core.odometry.prediction import Prediction
 from dbscan_reg_ros.core.odometry.references import (
     Match,
-    Outcome,
+    SearchOutcome,
     fallback_references,
     predicted_along_degenerate,
 )
@@ -100,7 +100,7 @@ def match(frame, decision, reason, x=0.0):
 
 
 def test_results_are_joined_by_their_verdicts(frames):
-    first = Outcome(None, registered())
+    first = SearchOutcome(None, registered())
     tentative, second = (match(frames[0], Decision.TENTATIVE, Reason.INCONCLUSIVE) for _ in range(2))
     accepted = match(frames[0], Decision.ACCEPT, Reason.WITHIN_GATE)
     rejected = match(frames[0], Decision.REJECT, Reason.UNRELIABLE)

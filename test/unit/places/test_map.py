@@ -26,7 +26,7 @@ def driven(lidar):
     for scan in drive.scans:
         update = odometry.process(scan)
         found = mapper.process(update)
-        if update.reference_changed:
+        if update.is_key_frame:
             poses.append(found.pose.as_array())
     return mapper, np.array(poses)
 

@@ -11,7 +11,7 @@ from libc.math cimport M_PI, cos, sin
 from ...geometry.symmetric_matrix import diagonal
 from ...parameters.registration import SEARCH_DISTANCE
 from ...registration.records import Prior
-from .covariance import displacement_covariance, displacement_sigma, motion_without_scans, unknown_motion_covariance
+from .unobserved_motion import displacement_covariance, displacement_sigma, motion_without_scans, unknown_motion_covariance
 
 from ...geometry.se2 cimport SE2
 from .scan_order cimport ScanMiddle, ScanMiddles
