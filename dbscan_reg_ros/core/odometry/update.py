@@ -268,6 +268,9 @@ class _FoundScan:
             self._correct_heading()
         if due:
             state.covariance.start_key_frame()
+        elif added:
+            # Only this frame constrains the direction in which it completes the map, with the error of its pose.
+            state.covariance.start_key_frame(match.degenerate_direction - state.pose.theta)
         return added
 
     def _correct_heading(self) -> None:

@@ -38,11 +38,13 @@ def test_after_an_unknown_motion_pose_and_twist_are_unknown():
     np.testing.assert_array_equal(drift.twist, np.eye(3))
 
 
-@pytest.mark.parametrize('fractions', [
-    [ALONG_A_WALL] * 8, [ALL, NONE, NONE, ALONG_A_WALL, ALL, 0.5 * ALL] * 2], ids=['a wall', 'in turn'])
-def test_the_errors_of_many_drives_are_as_large(fractions):
+@pytest.mark.parametrize(('fractions', 'along'), [
+    ([ALONG_A_WALL] * 8, None), ([ALONG_A_WALL] * 8, 0.4), ([ALL, NONE, NONE, ALONG_A_WALL, ALL, 0.5 * ALL] * 2, None)],
+    ids=['a wall', 'a wall that ends', 'in turn'])
+def test_the_errors_of_many_drives_are_as_large(fractions, along):
     rng = np.random.default_rng(5)
     size, key_frames = 40000, (3, 5)
+    started = ALL if along is None else np.outer(*2 * [(math.cos(along), math.sin(along), 0.0)])
     back = STEP.inverse().adjoint()
     drift = CovariancePropagation()
     # An error is that of the estimate against the truth, in the estimate's own frame; rows are drives.
@@ -60,9 +62,10 @@ def test_the_errors_of_many_drives_are_as_large(fractions):
         twist = (found - pose - jitter @ (np.eye(3) - fraction).T - of_key_frame @ back.T @ fraction.T) / INTERVAL
         pose, of_key_frame = found, np.zeros((size, 3))
         if k in key_frames:
-            drift.start_key_frame()
+            drift.start_key_frame(along)
             # Its error against the key frames before; the match with all key frames does not contain it.
-            of_key_frame, base = rng.permutation(pose - base), pose.copy()
+            error = (pose - base) @ started
+            of_key_frame, base = rng.permutation(error), base + error
     for said, errors in ((drift.pose, pose), (drift.twist, twist)):
         whiten = np.linalg.inv(np.linalg.cholesky(said))
         assert whiten @ np.cov(errors.T) @ whiten.T == pytest.approx(np.eye(3), abs=5.0 / math.sqrt(size))

@@ -15,8 +15,9 @@ from dbscan_reg_ros.core.features.extraction import extract_features
 from dbscan_reg_ros.core.features.returns import deskew
 from dbscan_reg_ros.core.odometry.pipeline import Odometry
 from dbscan_reg_ros.core.odometry.references import search_parameters
-from dbscan_reg_ros.simulation import LIDARS, World, measure
+from dbscan_reg_ros.simulation import LIDARS, World, follow, measure, simulate
 from dbscan_reg_ros.simulation.raycasting import cast
+from dbscan_reg_ros.simulation.worlds import sides
 
 ROOM = outline(L_ROOM)
 BOX = outline([(0.9, -0.3), (1.1, 0.1), (1.0, 0.4), (1.4, 0.3), (1.4, -0.3)])
@@ -201,6 +202,19 @@ def test_slipping_wheels_are_rejected_where_few_points_constrain_the_motion():
         update = odometry.process(scan, Prior(SE2(0.05 + slip), spread) if i else None)
         assert update.pose.x == pytest.approx(0.05 * i, abs=0.03)
         assert not i or update.registration.weakest_information < Parameters().decision.weak_prior_information
+
+
+def test_a_wall_that_is_seen_first_after_unknown_motion_is_no_place_that_is_known():
+    """A smooth tunnel; its end is in sight after 9 m, of which the scans show nothing."""
+    lidar = dataclasses.replace(LIDARS['sick_lms200'], rate=5.0)
+    walls = sides(np.array([(-2.0, -1.1), (32.0, -1.1), (32.0, 1.1), (-2.0, 1.1)]))
+    drive = simulate(World(walls, np.zeros((1, 2))), follow(np.array([(0.0, 0.0), (16.0, 0.0)]), speed=1.0), lidar)
+    odometry = Odometry()
+    updates = [odometry.process(scan) for scan in drive.scans]
+    errors = [update.pose.x - x for update, (x, _, _) in zip(updates, drive.truth - drive.truth[0], strict=True)]
+    assert updates[-1].status is Status.OK and abs(errors[-1]) > 5.0
+    assert all(abs(error) < 3.0 * math.sqrt(update.covariance[0, 0])
+               for update, error in zip(updates, errors, strict=True))
 
 
 def test_increments_add_up_to_the_pose_also_after_a_rest_and_a_restart():

@@ -87,18 +87,28 @@ cdef class CovariancePropagation:
         for k in range(9):
             self._joint[k][2] *= ratio
 
-    cpdef start_key_frame(self):
+    cpdef start_key_frame(self, along=None):
         """Start a key frame at the current pose: from now on, errors are accumulated relative to this pose.
 
         The next scan is aligned with the key frames before as well: the error of this pose is one of the next twist.
+
+        Parameters
+        ----------
+        along : float [rad], optional
+            The only direction of the translation, in the frame of the sensor, in which scans are aligned with this key
+            frame from now on: in all others with the latest one. By default in every direction.
         """
+        cdef double[3][3] started, error
+        cdef double[9][9] kept
         cdef Py_ssize_t i, k
-        for i in range(3):
-            for k in range(3):
-                self.key_frame_error[i][k] = self._joint[3 + i][3 + k]
-        for i in range(3, 6):
+        direction = None if along is None else np.array([cos(along), sin(along), 0.0])
+        read(np.eye(3) if along is None else np.outer(direction, direction), started)
+        for i in range(9):
             for k in range(9):
-                self._joint[i][k] = self._joint[k][i] = 0.0
+                kept[i][k] = (i == k) - (started[i - 3][k - 3] if 3 <= i < 6 and 3 <= k < 6 else 0.0)
+        read(block(&self._joint[3][3], 9, 3), error)
+        sandwich(&started[0][0], 3, &error[0][0], 3, &self.key_frame_error[0][0])
+        sandwich(&kept[0][0], 9, &self._joint[0][0], 9, &self._joint[0][0])
         self.starts_key_frame = True
 
     def observe(self, const double[:] twist):
