@@ -16,6 +16,11 @@ def test_memory_and_containers_do_not_grow(soaked):
     assert figures['items_count'] <= 100
 
 
+def test_a_map_of_a_building_stops_growing(size):
+    figures = soak.in_a_process(soak.drive_with_map, size(4000, 150_000))
+    assert figures['growth_mb'] < 5.0 and figures['over_mb'] < 100.0
+
+
 def test_three_runs_are_equal_to_the_last_bit(soaked, size):
     _, blocks = soaked
     for seed in range(1, size(3, 4)):

@@ -2,7 +2,8 @@
 """Hours of driving: memory, time a scan and containers stay as they are, and the same scans give the same odometry.
 
 A drive to and fro through a furnished building, by the odometry in a process of its own and by the running node, which
-are compared to the last bit; a tenth of it three times over, in processes with other hash seeds and numbers of threads.
+are compared to the last bit; a tenth of it three times over, in processes with other hash seeds and numbers of threads;
+and once more with a map that is built meanwhile.
 """
 import gc
 import os
@@ -27,6 +28,8 @@ BLOCK = 1000
 """Scans per block of the comparison; the memory is compared with that after the first block."""
 STEP = 250
 """So often is the memory looked at."""
+HOUR = 1.0 / 8.0
+"""The first of some eight hours: a map has then seen the whole building."""
 RUNS = 3
 TENTH = 0.1
 GIVEN_BACK = {'MALLOC_MMAP_THRESHOLD_': '131072', 'MALLOC_TRIM_THRESHOLD_': '131072'}
@@ -39,6 +42,7 @@ BOUNDS = {
     'node': {'lost_count': at_most(0), 'growth_mb': at_most(5.0), 'ratio_mean': at_most(1.1),
              'differ_count': at_most(0)},
     'again': {'differ_count': at_most(0)},
+    'map': {'over_mb': at_most(100.0), 'growth_mb': at_most(5.0)},
 }
 
 
@@ -52,6 +56,7 @@ def measure(args):
     report.add('again', {'dbscan': {'runs_count': RUNS, 'differ_count': sum(differing(blocks, run) for run in again)}},
                BOUNDS['again'], prefix='again_')
     report.add('node', {'dbscan': drive_node(count, blocks)}, BOUNDS['node'], prefix='node_')
+    report.add('map', {'dbscan': in_a_process(drive_with_map, count)}, BOUNDS['map'], prefix='map_')
     return report
 
 
@@ -99,11 +104,25 @@ def drive(count):
     added = _items() - items
     tenth = round(TENTH * count)
     first, last = seconds[:tenth], seconds[-tenth:]
-    figures = {'scans_count': count, 'growth_mb': growth(memory), 'items_count': added,
+    figures = {'scans_count': count, 'memory_mb': memory[-1], 'growth_mb': growth(memory), 'items_count': added,
                'ms_p50': 1e3 * float(np.median(last)), 'ms_p99': 1e3 * float(np.quantile(last, 0.99)),
                'ratio_p50': float(np.median(last) / np.median(first)),
                'ratio_p99': float(np.quantile(last, 0.99) / np.quantile(first, 0.99))}
     return figures, blocks.digests
+
+
+def drive_with_map(count):
+    """Figures of a map that is built along `count` scans; ``over_mb`` is what it takes over the odometry alone."""
+    alone, memory = drive(max(round(TENTH * count), 2 * BLOCK))[0]['memory_mb'], []
+    from dbscan_reg_ros.places.mapper import Mapper
+    odometry, mapper = Odometry(), Mapper()
+    for k, scan in enumerate(islice(scans(), count)):
+        mapper.process(odometry.process(scan))
+        if (k + 1) % STEP == 0:
+            memory.append(memory_mb(os.getpid()))
+    later = memory[round(HOUR * len(memory)):]
+    return {'scans_count': count, 'key_frames_count': len(mapper.numbers), 'over_mb': max(later) - alone,
+            'growth_mb': growth(later)}
 
 
 def growth(memory):
