@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Open a recording, whatever its format."""
+"""Choose the reader of a recording by its format, and open it; `bags.reading.open_reader` opens bags."""
 import gzip
 import os
 import shlex

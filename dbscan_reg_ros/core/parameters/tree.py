@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All parameters as one tree; a full name is ``group.field``."""
+"""All parameters as one tree (a full name is ``group.field``), and bounds between two parameters."""
 import dataclasses
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Status of a registration, its rivals, and the segments that match."""
+"""Status of a registration, its rivals, and the segments that match.
+
+The odometry may change the status afterwards: doc/architecture.md lists where.
+"""
 import dataclasses
 import math
 from collections.abc import Sequence

@@ -2,7 +2,7 @@
 """Bounds of all courses of the odometry, by views (`drift`, `honesty`, `worst`, `silent`) and of `sparse`.
 
 They are what the odometry reached when they were set, with room for chance: a change that loses accuracy, calls noise
-OK or takes longer misses one of them.
+OK or takes longer misses one of them. A course that is not named has no bounds in that view.
 """
 import numpy as np
 
