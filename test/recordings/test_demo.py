@@ -14,6 +14,7 @@ import pytest
 from bags import needs_rosbags, scan_bag
 from events import Reader
 
+from dbscan_reg_ros.__main__ import main
 from dbscan_reg_ros.commands.processes import Process
 from dbscan_reg_ros.recordings import open_recording, read_tum
 
@@ -96,13 +97,13 @@ def test_the_intel_log_is_answered_scan_by_scan_and_scored_by_its_relations(demo
     assert float(metres) < 0.03 and float(degrees) < 0.5
 
 
-@pytest.mark.parametrize(('number', 'moment'), [(signal.SIGINT, 'starting'), (signal.SIGTERM, 'playing'), *(
-    pytest.param(number, moment, marks=pytest.mark.long) for number, moment in (
+@pytest.mark.parametrize(('number', 'stage'), [(signal.SIGINT, 'starting'), (signal.SIGTERM, 'playing'), *(
+    pytest.param(number, stage, marks=pytest.mark.long) for number, stage in (
         (signal.SIGHUP, 'starting'), (signal.SIGINT, 'playing')))])
-def test_a_signal_ends_the_demo_and_its_node(demo, tmp_path, number, moment):
+def test_a_signal_ends_the_demo_and_its_node(demo, tmp_path, number, stage):
     process = demo()
     node = node_of(process, 60.0)
-    if moment == 'playing':
+    if stage == 'playing':
         when(lambda: 'ready' in (tmp_path / 'out' / 'scan_matcher.log').read_text(), 30.0, process)
     process.signal(number)
     assert process.wait(15.0) == 130, process.output()
@@ -114,11 +115,10 @@ def test_a_signal_ends_the_demo_and_its_node(demo, tmp_path, number, moment):
     ('advanced.rotation.eps: -1.0', (), r'.*own\.yaml: advanced\.rotation\.eps = -1\.0: expected .*'),
     ('scan_topics: [front, rear]', (), r'the simulated building has one lidar, not 2; .* topics /front, /rear'),
     ('', ('absent.log',), 'absent.log: no such file here.*')])
-def test_what_cannot_be_shown_is_refused_in_one_line_before_anything_starts(demo, tmp_path, parameters, words, says):
+def test_what_cannot_be_shown_is_refused_in_one_line_before_anything_starts(tmp_path, capsys, parameters, words, says):
     (tmp_path / 'own.yaml').write_text(f'scan_matcher: {{ros__parameters: {{{parameters}}}}}')
-    process = demo('--params-file', tmp_path / 'own.yaml', *words)
-    assert process.wait(60.0) == 2
-    assert re.fullmatch(f'demo: {says}\n', process.output()) and not (tmp_path / 'out').exists()
+    assert main(['demo', '--out', str(tmp_path / 'out'), '--params-file', str(tmp_path / 'own.yaml'), *words]) == 2
+    assert re.fullmatch(f'demo: {says}\n', capsys.readouterr().err) and not (tmp_path / 'out').exists()
 
 
 def test_a_process_that_ignores_signals_is_stopped_with_its_children(tmp_path):

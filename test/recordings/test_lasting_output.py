@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands whose standard output closes, as by ``| head -1``: all results are written."""
+"""Commands whose standard output closes, as by ``| head -1``: all results are written; and what cannot be written."""
 import io
 import os
+import shutil
 import subprocess
 import sys
 from contextlib import contextmanager
 
 import pytest
+from bags import scan_bag
 
 from dbscan_reg_ros.__main__ import main
+from dbscan_reg_ros.commands.processes import package_command
 
 
 @pytest.fixture(scope='module')
@@ -60,3 +63,24 @@ def test_the_work_goes_on_whatever_happens_to_its_output(redirection, code, said
                             capture_output=True, text=True, check=False, env=os.environ | {'PYTHONPATH': str(root)})
     assert (result.returncode, result.stderr) == (code, said)
     assert (tmp_path / 'result').is_file()
+
+
+def test_the_disk_is_full_while_a_replay_is_written(start, scans, root, tmp_path):
+    folder = tmp_path / 'full'
+    folder.mkdir()
+    words = ['unshare', '--mount', '--map-root-user', 'sh', '-c',
+             f'mount -t tmpfs -o size=64k none {folder} && exec "$@"', 'sh']
+    if not shutil.which('unshare') or os.system(' '.join(map(repr, [*words, 'true']))):
+        pytest.skip('needs unshare, and to be allowed to mount')
+    process = start(*words, *package_command('replay', scan_bag(tmp_path / 'drive', scans), '--out', folder),
+                    PYTHONPATH=str(root))
+    assert process.wait(60.0) == 3, process.output()
+    faults = [line for line in process.output().splitlines() if ' not written: ' in line]
+    assert faults and all(line.endswith(' not written: No space left on device') for line in faults), process.output()
+    assert 'ok 80' in process.output() and 'Traceback' not in process.output()
+
+
+def test_the_folder_of_results_is_read_only(log, capsys):
+    assert main(['replay', str(log), '--out', '/sys']) == 2
+    line, = capsys.readouterr().err.splitlines()
+    assert line.startswith('replay: /sys: cannot be written, ')
