@@ -2,6 +2,7 @@
 """What every test may use: the recordings, a ROS graph of its own, processes that never outlive the test."""
 import contextlib
 import importlib.util
+import itertools
 import math
 import os
 import pathlib
@@ -9,6 +10,7 @@ import signal
 from functools import partial
 
 import hypothesis
+import numpy as np
 import pytest
 from manifest import NOT_IN_THE_MANIFEST
 from preloaded import ForkedProcess, Preloaded
@@ -16,6 +18,7 @@ from preloaded import ForkedProcess, Preloaded
 from dbscan_reg_ros import SE2, RecordingError
 from dbscan_reg_ros.commands.processes import Process, package_command
 from dbscan_reg_ros.commands.simulate import main as simulate_command
+from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.private_graph import private_graph
 from dbscan_reg_ros.recordings import data_folder
 from dbscan_reg_ros.simulation import Lidar, follow, rooms, simulate
@@ -30,6 +33,8 @@ hypothesis.settings.register_profile('bounded', derandomize=True, database=None,
 hypothesis.settings.register_profile('long', hypothesis.settings.get_profile('bounded'), max_examples=2000)
 
 
+LIMIT = 16.3
+"""One true motion in a thousand is farther off than this, as a squared Mahalanobis distance."""
 LONG_FOLDERS = {('benchmarks',), ('documents',), ('fuzz',), ('long',)}
 LONG_FIXTURES = {'started_browser', 'docs_python'}
 
@@ -86,6 +91,13 @@ def pytest_collection_modifyitems(config, items):
     if left_out:
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if item not in left_out]
+
+
+def pytest_generate_tests(metafunc):
+    """The number of the scan at which a fault strikes: one, with ``--long`` twenty."""
+    if 'moment' in metafunc.fixturenames:
+        count = 20 if metafunc.config.getoption('long') else 1
+        metafunc.parametrize('moment', np.random.default_rng(8).integers(10, 50, count).tolist())
 
 
 def pytest_ignore_collect(collection_path):
@@ -302,3 +314,18 @@ def truth(drive):
 @pytest.fixture(scope='session')
 def scans_and_truth(scans, truth):
     return scans, truth
+
+
+@pytest.fixture
+def steady(scans, truth):
+    """``steady(messages)``: no motion between two answers is farther from the true one than their covariance allows."""
+    from ros_helpers import squared_distance
+    true = {scan.stamp: pose for scan, pose in zip(scans, truth, strict=True)}
+
+    def steady(messages):
+        poses = [true[in_nanoseconds(message.header.stamp)] for message in messages]
+        for (before, after), (p, q) in zip(itertools.pairwise(messages), itertools.pairwise(poses), strict=True):
+            assert squared_distance(before, after, p.inverse() @ q) < LIMIT
+        assert len(messages) > 10
+
+    return steady

@@ -171,6 +171,15 @@ def distances(messages, truth):
                      for pose, true in zip(map(pose_of, messages), truth, strict=True)])
 
 
+def squared_distance(before, after, motion):
+    """Squared Mahalanobis distance of the motion between two messages from the true one, by the later's covariance."""
+    error = (motion.inverse() @ pose_of(before).inverse() @ pose_of(after)).as_array()
+    turn = np.eye(3)
+    turn[:2, :2] = pose_of(after).rotation()
+    covariance = np.reshape(after.pose.covariance, (6, 6))[np.ix_([0, 1, 5], [0, 1, 5])]
+    return error @ np.linalg.solve(turn.T @ covariance @ turn, error)
+
+
 def changed(scan, **fields):
     """The scan's message with some fields changed; `beams` keeps only the first of them."""
     message = scan_to_message(scan)

@@ -6,7 +6,6 @@ Each fault strikes at one moment, with ``scripts/test --long`` at twenty.
 import contextlib
 import itertools
 import os
-import shutil
 import signal
 from pathlib import Path
 
@@ -23,34 +22,19 @@ from ros_helpers import (
     Peer,
     needs_tf2_msgs,
     parameter_messages,
-    pose_of,
     said,
     transform,
 )
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
-from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-from dbscan_reg_ros.commands.processes import package_command
 from dbscan_reg_ros.core.scan import in_nanoseconds
 from dbscan_reg_ros.node.interfaces.messages import stamp_to_message
 from dbscan_reg_ros.node.playback.player import PlayerError
 
-LIMIT = 16.3
-"""One true motion in a thousand is farther off than this, as a squared Mahalanobis distance."""
 RESUMED, RESTARTED = 1.0, 5.0
 """There is odometry so long [s] after the first good scan, and after a process is started again."""
-FULL = '64k'
-"""Room on a disk that is soon full."""
-
-
-def pytest_generate_tests(metafunc):
-    if 'moment' in metafunc.fixturenames:
-        count = 20 if metafunc.config.getoption('long') else 1
-        metafunc.parametrize('moment', np.random.default_rng(8).integers(10, 50, count).tolist())
-
-
 @pytest.fixture
 def parts(scans, moment):
     """The scans before the moment, and those after it."""
@@ -85,29 +69,6 @@ def start_node(start_node):
         assert 'Traceback' not in node.output()
 
 
-@pytest.fixture
-def steady(scans, truth):
-    """``steady(messages)``: no motion between two answers is farther from the true one than their covariance allows."""
-    true = {scan.stamp: pose for scan, pose in zip(scans, truth, strict=True)}
-
-    def steady(messages):
-        poses = [true[in_nanoseconds(message.header.stamp)] for message in messages]
-        for (before, after), (p, q) in zip(itertools.pairwise(messages), itertools.pairwise(poses), strict=True):
-            assert distance(before, after, p.inverse() @ q) < LIMIT
-        assert len(messages) > 10
-
-    return steady
-
-
-def distance(before, after, motion):
-    """Squared Mahalanobis distance of the motion between two messages from the true one, by the later's covariance."""
-    error = (motion.inverse() @ pose_of(before).inverse() @ pose_of(after)).as_array()
-    turn = np.eye(3)
-    turn[:2, :2] = pose_of(after).rotation()
-    covariance = np.reshape(after.pose.covariance, (6, 6))[np.ix_([0, 1, 5], [0, 1, 5])]
-    return error @ np.linalg.solve(turn.T @ covariance @ turn, error)
-
-
 def begun(player, scans):
     """Answers to all scans up to the fault."""
     player.wait_for_node(TIMEOUT)
@@ -125,26 +86,6 @@ def resumed(player, scans):
 
 
 # Scans
-
-
-def lost(scans, moment, rng):
-    return list(itertools.compress(scans, (rng.random(len(scans)) < 0.5) | (np.arange(len(scans)) < moment)))
-
-
-def twice_and_three_times(scans, moment, rng):
-    times = rng.integers(1, 4, len(scans))
-    return [scan for k, scan in enumerate(scans) for _ in range(times[k] if k > moment else 1)]
-
-
-def overtaking(scans, moment, rng):
-    later = [k for start in range(moment, len(scans), 3) for k in rng.permutation(range(len(scans))[start:start + 3])]
-    return [*scans[:moment], *(scans[k] for k in later)]
-
-
-@pytest.mark.parametrize('disorder', [lost, *(pytest.param(each, marks=pytest.mark.long)
-                                              for each in (twice_and_three_times, overtaking))])
-def test_scans_are_lost_come_again_or_overtake_each_other(node, player, scans, moment, steady, disorder):
-    steady(begun(player, disorder(scans, moment, np.random.default_rng(moment))))
 
 
 @pytest.mark.long
@@ -275,70 +216,3 @@ def test_the_transform_of_the_laser_vanishes(start_node, player, peer, scans, mo
 
 
 # Files
-
-
-@pytest.fixture
-def full_disk(tmp_path):
-    """A folder, and the words before a command that see a disk of 64 kB mounted there."""
-    folder = tmp_path / 'full'
-    folder.mkdir()
-    words = ['unshare', '--mount', '--map-root-user', 'sh', '-c',
-             f'mount -t tmpfs -o size={FULL} none {folder} && exec "$@"', 'sh']
-    if not shutil.which('unshare') or os.system(' '.join(map(repr, [*words, 'true']))):
-        pytest.skip('needs unshare, and to be allowed to mount')
-    return folder, words
-
-
-def snapshot(peer):
-    return peer.call(Trigger, '/scan_matcher/snapshot', Trigger.Request())
-
-
-def test_the_disk_is_full_while_a_snapshot_is_written(start, player, peer, parts, steady, full_disk):
-    folder, words = full_disk
-    node = start(*words, *package_command('scan_matcher', '--ros-args', '-p', 'mounting:=none', '-p',
-                                          'advanced.snapshot.scans:=100',
-                                          '-p', f'advanced.snapshot.folder:={folder}'))
-    before = begun(player, parts[0])
-    for _ in range(3):
-        answer = snapshot(peer)
-        if not answer.success:
-            break
-    assert 'cannot be written: No space left on device' in answer.message
-    seen = Path(f'/proc/{node.pid}/root{folder}')
-    assert not [path for path in seen.iterdir() if path.suffix != '.npz']
-    steady([*before, *resumed(player, parts[1])])
-    assert node.stop() == 0
-    assert 'Traceback' not in node.output()
-
-
-def test_the_disk_is_full_while_a_replay_is_written(start, scans, full_disk, tmp_path):
-    folder, words = full_disk
-    process = start(*words, *package_command('replay', scan_bag(tmp_path / 'drive', scans), '--out', folder))
-    assert process.wait(TIMEOUT) == 3, process.output()
-    faults = [line for line in process.output().splitlines() if ' not written: ' in line]
-    assert faults and all(line.endswith(' not written: No space left on device') for line in faults), process.output()
-    assert 'ok 80' in process.output() and 'Traceback' not in process.output()
-
-
-def test_the_folder_of_logs_is_read_only(start_command):
-    node = start_command('scan_matcher', ROS_LOG_DIR='/sys/log')
-    assert node.wait(TIMEOUT) == 2
-    assert 'scan_matcher: ROS does not start: ' in node.output() and "'/sys/log'" in node.output()
-    assert len(node.output().strip().splitlines()) == 1
-
-
-@pytest.mark.long
-def test_the_folder_of_snapshots_is_read_only(start_node, player, peer, scans, moment, steady):
-    start_node('-p', 'advanced.snapshot.folder:=/sys')
-    before = begun(player, scans[:moment])
-    answer = snapshot(peer)
-    assert not answer.success
-    assert '/sys/scan_matcher_' in answer.message and 'cannot be written: ' in answer.message
-    steady([*before, *resumed(player, scans[moment:])])
-
-
-def test_the_folder_of_results_is_read_only(start_command, scans, tmp_path):
-    process = start_command('replay', scan_bag(tmp_path / 'drive', scans[:5]), '--out', '/sys')
-    assert process.wait(TIMEOUT) == 2, process.output()
-    assert process.output().startswith('replay: /sys: cannot be written, ')
-    assert len(process.output().strip().splitlines()) == 1
