@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames: where the laser sits, as transforms say; our own transform, and those of others."""
 import itertools
-import re
 
 import pytest
 import rclpy  # noqa: F401 - needs ROS
@@ -10,11 +9,8 @@ from ros_helpers import (
     LATCHED,
     TIMEOUT,
     Loudspeaker,
-    Parameters,
     Peer,
     diagnosis,
-    distances,
-    of_base,
     restamped,
     said,
     transform,
@@ -22,34 +18,8 @@ from ros_helpers import (
 
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.core.scan import in_nanoseconds
-from dbscan_reg_ros.node.frames.transforms import describe_missing
 
 SECOND = 1_000_000_000
-
-
-def test_where_no_transform_is_found_the_transforms_that_are_there_are_named(start_command, player, peer, scans,
-                                                                             tf_type):
-    """First they are on topics of a namespace, then their frames have a prefix."""
-    node = start_command('scan_matcher')
-    message = tf_type(transforms=[transform('robot/base_link', f'robot/{name}') for name in ('laser', 'imu')])
-    peer.node.create_publisher(tf_type, '/robot/tf_static', LATCHED)
-    player.wait_for_node(TIMEOUT)
-    for text in 'start the node with -r /tf_static:=/robot/tf_static', "set base_frame to 'robot/base_link'":
-        peer.until(lambda text=text: player.play(scans[:1], patience=0.2).lost and text in node.output())
-        peer.node.create_publisher(tf_type, '/tf_static', LATCHED).publish(message)
-    assert "let the driver send 'robot/laser'" in node.output()
-
-
-@pytest.mark.parametrize('parents, text', [
-    ({'laser': 'base_footprint', 'base_footprint': 'odom'}, "set base_frame to 'base_footprint'"),
-    ({'laser': 'chassis', 'arm': 'chassis'}, "set base_frame to 'chassis'"),
-    ({'base_link': 'odom', 'base_scan': 'base_link', 'laser_frame': 'base_link'}, "let the driver send 'laser_frame'"),
-    ({'base_link': 'odom', 'laser': 'mast'}, "no transform connects 'mast', to which 'laser' belongs"),
-    ({'wheel': 'axle'}, "base_frame 'base_link' is none of them"),
-])
-def test_frames_that_are_there_are_named_in_place_of_a_missing_one(parents, text):
-    said = describe_missing(None, 'base_link', 'laser', parents)
-    assert text in said and all(repr(frame) in said for frame in (*parents, *parents.values()))
 
 
 def test_scans_of_another_frame_do_not_change_the_mounting(start_command, player, peer, scans, tf_type):
@@ -67,25 +37,6 @@ def test_scans_of_another_frame_do_not_change_the_mounting(start_command, player
         latched.tell(tf_type(transforms=[transform('elsewhere', 'laser')]))
         peer.until(lambda: player.play(scans[4:5], patience=0.2).lost)
     peer.until(lambda: not player.play(scans[5:6], patience=0.2).lost)
-
-
-def test_a_mounting_that_is_sent_again_keeps_the_pose_and_is_named(start_command, player, peer, scans, truth, tf_type):
-    node = start_command('scan_matcher')
-    player.wait_for_node(TIMEOUT)
-    static = peer.node.create_publisher(tf_type, '/tf_static', LATCHED)
-    old, new = SE2(0.3), SE2(0.2, 0.1, 0.8)
-    static.publish(tf_type(transforms=[transform('base_link', 'laser', old)]))
-    peer.until(lambda: not player.play(scans[:1], patience=0.2).lost)
-    first = player.play(scans[1:20])
-    Loudspeaker(peer, tf_type, '/tf_static', LATCHED).tell(tf_type(transforms=[transform('base_link', 'laser', new)]))
-    second = player.play(scans[20:40])
-    assert first.lost == second.lost == 0
-    before = of_base(truth[:20], old)
-    after = [before[-1] @ new @ truth[19].inverse() @ pose @ new.inverse() for pose in truth[20:40]]
-    assert distances(first.messages + second.messages, before[1:] + after).max() < 0.1
-    said(node, "the transform from 'base_link' to 'laser' was sent again with other values: x 0.300 m, y 0.000 m, "
-         'yaw 0.0 deg became x 0.200 m, y 0.100 m, yaw 45.8 deg', peer)
-    assert not re.search('max_|could not be registered|not known at the time', node.output())
 
 
 def names(endpoints):
@@ -163,29 +114,3 @@ def test_of_two_nodes_on_one_frame_one_sends_and_when_it_ends_the_other(start_no
 
 def changes(senders):
     return sum(before != after for before, after in itertools.pairwise(senders))
-
-
-def test_tf_is_subscribed_to_only_while_we_and_others_publish_it(start_node, player, peer, scans, tf_type):
-    node = start_node()
-    player.wait_for_node(TIMEOUT)
-    assert player.play(scans[:3]).lost == 0
-    assert peer.node.count_publishers('/tf') == 1 and peer.node.count_subscribers('/tf') == 0
-    with Peer('arm') as arm:
-        other = Loudspeaker(arm, tf_type, '/tf')
-        for value in (True, False, True):
-            assert Parameters(peer).set(publish_tf=value)[0].successful
-            other.until(lambda hears=value: peer.node.count_subscribers('/tf') == hears,
-                        tf_type(transforms=[transform('elbow', 'hand')]))
-    peer.until(lambda: peer.node.count_subscribers('/tf') == 0)
-    assert player.play(scans[3:6]).lost == 0
-    assert node.stop() == 0
-    assert 'Traceback' not in node.output()
-
-
-def test_tf_is_not_subscribed_to_if_no_transform_is_sent_or_read(start_node, player, peer, tf_type):
-    start_node('-p', 'publish_tf:=false')
-    player.wait_for_node(TIMEOUT)
-    peer.node.create_publisher(tf_type, '/tf', 100)
-    reports = peer.subscribe(DiagnosticArray, '/diagnostics')
-    peer.until(lambda: len(reports) == 3)
-    assert peer.node.count_subscribers('/tf') == 0
