@@ -6,7 +6,6 @@ lines takes their place; where the real ones are installed, the two are compared
 """
 import importlib.util
 import inspect
-import re
 import signal
 import time
 from pathlib import Path
@@ -21,13 +20,11 @@ from lifecycle_msgs.msg import State, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Odometry
 from rooms import room_log
-from ros_helpers import TIMEOUT, Parameters
+from ros_helpers import Parameters
 
 from dbscan_reg_ros.command_lines import COMMANDS
-from dbscan_reg_ros.commands.simulate import main as simulate
 from dbscan_reg_ros.core.errors import ParameterError
 from dbscan_reg_ros.core.parameters.features import DIRECTIONS
-from dbscan_reg_ros.node.playback.player import Player
 from dbscan_reg_ros.robot.parameter_groups import MAP_MODES, SOURCES
 from dbscan_reg_ros.robot.parameters import MOUNTINGS
 
@@ -373,53 +370,12 @@ def test_of_several_lidars_those_of_the_arguments_are_played(play, tmp_path, mon
 # Real processes
 
 
-def test_two_robots_have_transforms_of_their_own(launched, start_launched, ros_environment, peer, scans):
-    tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
-    names = 'robot1', 'robot2'
-    processes = [start_launched(launched('scan_matcher', namespace=name, mounting='none')[0]) for name in names]
-    received = [peer.listen(tf_type, f'/{name}/tf') for name in names]
-    for name, count in zip(names, (12, 7), strict=True):
-        peer.greet(f'/{name}/scan_matcher')
-        with Player(['--ros-args', '-r', f'__ns:=/{name}']) as player:
-            player.wait_for_node(TIMEOUT)
-            assert player.play(scans[:count]).lost == 0
-    peer.until(lambda: [len(messages) for messages in received] == [12, 7])
-    peer.until(lambda: [transforms_of(peer, name) for name in names] == [
-        {f'/{name}/tf', f'/{name}/tf_static'} for name in names])
-    for process in processes:
-        assert process.stop() == 0
-        assert 'parent' not in process.output()
-
-
-def transforms_of(peer, namespace):
-    """The topics of transforms that the node in a namespace publishes and subscribes to; none before its discovery."""
-    node = 'scan_matcher', f'/{namespace}'
-    if node not in peer.node.get_node_names_and_namespaces():
-        return set()
-    topics = (*peer.node.get_publisher_names_and_types_by_node(*node),
-              *peer.node.get_subscriber_names_and_types_by_node(*node))
-    return {name for name, kinds in topics if kinds == ['tf2_msgs/msg/TFMessage']}
-
-
 def test_a_recording_that_is_launched_is_answered_and_all_end_well(play, start_launched, tmp_path):
     log = room_log(tmp_path / 'room.log', 20)
     matcher, player = map(start_launched, play(recording=str(log), namespace='robot1', scan_topic='laser'))
     assert player.wait(60.0) == 0, player.output()
     assert 'scans 20 answered 20 skipped 0' in player.output()
     assert matcher.stop() == 0, matcher.output()
-
-
-def test_a_bag_with_static_transforms_that_is_launched_is_answered(play, start_launched, tmp_path):
-    for package in ('rosbags', 'tf2_msgs'):
-        pytest.importorskip(package, reason=f'needs {package}')
-    assert simulate([str(tmp_path / 'drive'), '--world', 'corridor', '--speed', '2', '--mounting', '0.2', '0',
-                     '90']) == 0
-    matcher, player = map(start_launched, play(recording=str(tmp_path / 'drive'), rate='4', namespace='robot1'))
-    assert player.wait(90.0) == 0, player.output()
-    # A busy machine may drop scans at this rate.
-    assert int(re.search(r'answered (\d+)', player.output())[1]) > 20
-    assert matcher.stop() == 0, matcher.output()
-    assert 'no transform from' not in matcher.output()
 
 
 @pytest.mark.parametrize(('stage', 'often'), [('waiting', True), ('playing', False)])

@@ -11,11 +11,8 @@ import pytest
 import rclpy  # noqa: F401 - needs ROS
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import OccupancyGrid
 from ros_helpers import LATCHED, TIMEOUT, Loudspeaker, diagnosis, pose_of, said, transform
-from ros_helpers import Parameters as NodeParameters
 from std_msgs.msg import String
 from std_srvs.srv import Empty, Trigger
 from visualization_msgs.msg import MarkerArray
@@ -168,31 +165,6 @@ def test_beside_another_odometry_in_a_map_that_is_received(start_command, player
                      and s.level == DiagnosticStatus.ERROR)
 
 
-def test_each_robot_has_its_own_names(start_command, peer):
-    """The lifecycle node in a namespace: all that is configured is gone after the cleanup."""
-    start_command('scan_matcher_lifecycle', '--ros-args', '-r', '__ns:=/robot2', '-p', 'mounting:=none', '-p',
-                  'map.mode:=slam')
-
-    def names():
-        of_node = 'scan_matcher', '/robot2'
-        kinds = (peer.node.get_publisher_names_and_types_by_node, peer.node.get_subscriber_names_and_types_by_node,
-                 peer.node.get_service_names_and_types_by_node)
-        return {name for kind in kinds for name, _ in kind(*of_node)}
-
-    def change(transition):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        return peer.call(ChangeState, '/robot2/scan_matcher/change_state', request)
-
-    peer.until(lambda: 'scan_matcher' in peer.node.get_node_names())
-    own = {'/robot2/map', '/robot2/map_state', '/robot2/map_graph', '/robot2/pose', '/robot2/scan_matcher/save_map'}
-    change(Transition.TRANSITION_CONFIGURE)
-    others = {'/robot2/set_pose', '/robot2/local_map'}
-    peer.until(lambda: own | others <= names())
-    assert {name for name in names() if 'map' in name or 'pose' in name} == own | others
-    change(Transition.TRANSITION_CLEANUP)
-    peer.until(lambda: not own & names())
-
-
 def test_ctrl_c_while_a_map_is_written_loses_nothing(start_command, player, peer, floor, tmp_path):
     file = tmp_path / 'floor.npz'
     node = start_command('scan_matcher', '--ros-args', *MOUNTED, '-p', 'map.mode:=slam', '-p', f'map.file:={file}')
@@ -209,27 +181,14 @@ def test_ctrl_c_while_a_map_is_written_loses_nothing(start_command, player, peer
     assert 'Traceback' not in node.output()
 
 
-def test_a_map_can_be_given_later_and_its_lack_is_named(start_command, player, peer, tmp_path):
-    node = start_command('scan_matcher', '--ros-args', *MOUNTED, '-p', 'map.mode:=localize')
-    player.wait_for_node(TIMEOUT)
-    said(node, 'no map is received on /map: start a map server, or set map.file', peer)
-    parameters = NodeParameters(peer)
-    parameters.set(**{'map.file': str(tmp_path / 'missing.npz')})
-    said(node, 'the map before is kept', peer)
-    (tmp_path / 'map.pgm').write_bytes(b'P5 40 20 255\n' + bytes(400) + bytes([254]) * 400)
-    (tmp_path / 'map.yaml').write_text('{image: map.pgm, resolution: 0.1, origin: [0, 0, 0], negate: 0, '
-                                       'occupied_thresh: 0.65, free_thresh: 0.25}')
-    parameters.set(**{'map.file': str(tmp_path / 'map.yaml')})
-    said(node, 'map of 40 x 20 cells of 0.1 m: searching', peer)
-
-
-def test_without_a_map_nothing_of_it_is_imported(ros_environment):
+def test_without_a_map_neither_it_nor_the_slow_libraries_are_imported(ros_environment):
     program = ("import sys, rclpy; from rclpy.node import Node; rclpy.init(); "
                "from dbscan_reg_ros.node.interfaces.live_parameters import LiveParameters; "
                "from dbscan_reg_ros.node.node_core import NodeCore; "
                "node = Node('scan_matcher', automatically_declare_parameters_from_overrides=True); "
                "NodeCore(node, LiveParameters(node)).activate(); "
-               "print(sorted(name for name in sys.modules if 'places' in name or 'node.map' in name)); "
+               "print(sorted(name for name in sys.modules if 'places' in name or 'node.map' in name "
+               "or name in ('sklearn', 'matplotlib', 'rosbags', 'tqdm'))); "
                "rclpy.shutdown()")
     done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, timeout=3 * TIMEOUT)
     assert done.stdout.strip() == '[]', done.stderr

@@ -6,14 +6,13 @@ import math
 import pytest
 import rclpy  # noqa: F401 - needs ROS
 from nav_msgs.msg import Odometry
-from ros_helpers import TIMEOUT, Loudspeaker, distances, mounted, of_base, said, transform
+from ros_helpers import TIMEOUT, Loudspeaker, distances, mounted, of_base
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
 from dbscan_reg_ros import SE2
 from dbscan_reg_ros.node.interfaces.messages import pose_to_message, stamp_to_message
 from dbscan_reg_ros.recordings.snapshots import read_snapshot
-from dbscan_reg_ros.robot.parameters import NodePriorParameters
 
 LASER = SE2(0.2, 0.1, 0.5)
 """On the base."""
@@ -67,60 +66,6 @@ def start_with(start_command, tmp_path):
                                                 f'advanced.snapshot.folder:={tmp_path}', *reliable, *words)
 
 
-def play_slowly(player, peer, loudspeaker, scans, messages):
-    """Each scan follows the messages stamped before it; those with its own stamp follow it."""
-    answered = []
-    peer.greet()
-    # The first message to a new subscription may take longer than a scan, and the source would seem to have stopped.
-    loudspeaker.tell(messages[0])
-    sent = 1
-    with peer.spinning():
-        for scan in scans:
-            while sent < len(messages) and stamp(messages[sent]) < scan.stamp:
-                loudspeaker.publisher.publish(messages[sent])
-                sent += 1
-            late = messages[sent] if sent < len(messages) else None
-            answers = play_and_tell(player, scan, loudspeaker, late)
-            sent += late is not None
-            answered += answers.messages
-    return answered
-
-
-def play_and_tell(player, scan, loudspeaker, late):
-    """Publish the scan, then the messages stamped after it."""
-    def one():
-        yield scan
-        if late is not None:
-            loudspeaker.publisher.publish(late)
-    return player.play(one())
-
-
-def stamp(message):
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
-@pytest.mark.parametrize(('motion', 'translation', 'rotation'), [
-    ((0.0, 0.0, 0.0), 0.02, 0.03), ((0.06, -0.08, -0.1), 0.02, 0.03), ((0.6, 0.8, 0.0), 0.1, 0.1),
-                                                                 ((0.0, 0.0, -1.0), 0.1, 0.2),
-    ((0.0, 2.0, 0.5), 0.2, 0.2)])
-def test_the_covariance_of_a_prior_grows_with_distance_and_rotation(motion, translation, rotation):
-    spread = NodePriorParameters().wheel_sigma(SE2(*motion))
-    assert spread == pytest.approx((translation, translation, rotation), rel=1e-12)
-
-
-def test_wheels_that_go_quiet_delay_no_scan_and_are_named(start_with, player, peer, scans, truth, tmp_path):
-    node = start_with('odometry', *PLACE)
-    player.wait_for_node(TIMEOUT)
-    wheels = Loudspeaker(peer, Odometry, 'wheel_odom')
-    messages = [wheel(*each) for each in between(scans[:10], truth[:10])]
-    play_slowly(player, peer, wheels, scans[:10], messages[:-1])
-    answers = player.play(scans[10:60])
-    assert answers.lost == 0
-    assert distances(answers.messages, of_base(truth[10:60], LASER)).max() < 0.05
-    said(node, "prior.source is 'odometry', but /wheel_odom has no data at the time of the scan", peer)
-    assert [update.prior for update in priors_taken(peer, tmp_path)] == 20 * [None]
-
-
 def test_wheels_give_the_translation_and_the_gyroscope_the_rotation(start_with, player, peer, scans, truth, tmp_path):
     """The heading of the wheels is off by 0.08 rad in two of four messages, its change by 0.04 rad at each scan."""
     start_with('odometry+imu', *PLACE, *WAIT)
@@ -133,23 +78,6 @@ def test_wheels_give_the_translation_and_the_gyroscope_the_rotation(start_with, 
                                                  zip(scans, rates, strict=False) for k in range(0, 10, 5)))
     answers = player.play(scans[:20])
     assert answers.lost == 0 and distances(answers.messages, of_base(truth[:20], LASER)).max() < 0.05
-    updates = priors_taken(peer, tmp_path)
-    assert sum(update.prior is not None for update in updates) == 19
-    for update, before, now in zip(updates[1:], truth, truth[1:], strict=False):
-        error = along_base(before.inverse() @ now).inverse() @ update.prior.transform
-        assert error.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
-
-
-def test_transforms_of_another_node_give_the_motion(start_with, player, peer, scans, truth, tmp_path):
-    tf_type = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs (scripts/tf2_msgs/build.py)').TFMessage
-    start_with('tf', *PLACE, *WAIT)
-    player.wait_for_node(TIMEOUT)
-    frames = Loudspeaker(peer, tf_type, '/tf')
-    messages = [tf_type(transforms=[transform('wheel_odom', 'laser', p, stamp=t)])
-                for t, p in ((t, base @ LASER) for t, base in between(scans[:20], truth[:20]))]
-    frames.tell(*messages)
-    answers = player.play(scans[:20])
-    assert answers.lost == 0
     updates = priors_taken(peer, tmp_path)
     assert sum(update.prior is not None for update in updates) == 19
     for update, before, now in zip(updates[1:], truth, truth[1:], strict=False):

@@ -2,9 +2,8 @@
 """The quality of service of the node's publishers and subscriptions, as parameters tell it, seen over DDS."""
 import rclpy  # noqa: F401 - needs ROS
 from lifecycle_msgs.msg import State, Transition
-from nav_msgs.msg import Odometry
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from ros_helpers import TIMEOUT, Parameters, said
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from ros_helpers import Parameters, said
 from test_node_lifecycle import change, state
 
 
@@ -33,16 +32,6 @@ def test_endpoints_have_the_quality_of_service_that_is_asked_for_by_their_full_n
     assert quality(peer, '/robot1/path').reliability == ReliabilityPolicy.RELIABLE
     for name, expected in ('wheel_odom', 'BEST_EFFORT'), ('set_pose', 'RELIABLE'), ('imu', 'RELIABLE'):
         assert quality(peer, f'/robot1/{name}', 'subscription').reliability == ReliabilityPolicy[expected]
-
-
-def test_who_comes_late_has_the_last_odometry_when_that_is_asked_for(start_node, player, peer, scans):
-    start_node(*overridden('/odom.publisher', durability='transient_local', depth=2))
-    player.wait_for_node(TIMEOUT)
-    assert player.play(scans[:5]).lost == 0
-    late = peer.listen(Odometry, '/odom', QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
-    peer.until(lambda: len(late) == 2)
-    stamps = [m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec for m in late]
-    assert stamps == [scan.stamp for scan in scans[3:5]]
 
 
 def test_a_lifecycle_node_that_fails_to_configure_leaves_no_publisher(start_command, peer):

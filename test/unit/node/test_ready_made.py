@@ -14,20 +14,15 @@ FRAMES = {DEFAULTS.odom_frame, DEFAULTS.base_frame}
 
 
 @pytest.fixture
-def topics(start_node, peer):
-    """Absolute name -> type of every topic of a running node."""
-    pytest.importorskip('rclpy')
-    start_node()
-    found = peer.until(lambda: (t := names(peer)) and {'/odom', '/scan', '/diagnostics'} <= set(t) and t)
-    return found
+def node(start_core):
+    return start_core().node
 
 
-def names(peer):
-    if 'scan_matcher' not in peer.node.get_node_names():
-        return {}
-    listed = (peer.node.get_publisher_names_and_types_by_node('scan_matcher', '/')
-              + peer.node.get_subscriber_names_and_types_by_node('scan_matcher', '/'))
-    return {name: kinds[0] for name, kinds in listed}
+@pytest.fixture
+def topics(node):
+    """Absolute name -> type of every topic of the node."""
+    return {each.topic_name: f'{each.msg_type.__module__.partition(".")[0]}/msg/{each.msg_type.__name__}'
+            for each in (*node.publishers, *node.subscriptions)}
 
 
 def test_parameter_files_of_sensors_are_taken():
@@ -92,8 +87,7 @@ def the_filter_takes_our_twist_in_our_frames(root, topics):
 
 def the_documented_topics_are_those_of_the_node(root, topics):
     text = (root / 'doc' / 'node.md').read_text()
-    every_node = {'/rosout', '/parameter_events', '/clock'}
-    for topic in set(topics) - every_node:
+    for topic in topics:
         relative = topic.removeprefix('/')
         assert f'`{topic}`' in text or f'`{relative}`' in text, topic
 
@@ -105,18 +99,9 @@ def test_ready_made_files_and_documents_name_what_the_node_has(root, topics):
     the_documented_topics_are_those_of_the_node(root, topics)
 
 
-def test_the_documented_services_are_those_of_the_node(root, start_node, peer):
-    start_node()
+def test_the_documented_services_are_those_of_the_node(root, node):
     text = (root / 'doc' / 'node.md').read_text()
-    expected = ['/scan_matcher/pause', '/scan_matcher/reset', '/scan_matcher/snapshot']
-
-    def services():
-        """Services are discovered one after the other."""
-        if 'scan_matcher' not in peer.node.get_node_names():
-            return []
-        return [name for name, kinds in peer.node.get_service_names_and_types_by_node('scan_matcher', '/')
-                if kinds[0].startswith('std_srvs/')]
-    own = peer.until(lambda: len(found := services()) >= len(expected) and found)
-    assert sorted(own) == expected
-    for name in own:
+    names = {service.srv_name for service in node.services}
+    assert names == {'/scan_matcher/pause', '/scan_matcher/reset', '/scan_matcher/snapshot'}
+    for name in names:
         assert f'`~/{name.split("/")[-1]}`' in text
