@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Warnings of the node about wrong scan metadata and missing scans: the same as for a recording."""
+"""Warnings about scans: of the command play, and of the node with several publishers."""
 import array
-import math
 
 import numpy as np
 import pytest
@@ -10,14 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from ros_helpers import Loudspeaker, Peer, changed
 from sensor_msgs.msg import LaserScan
 
-from dbscan_reg_ros.node.interfaces.messages import stamp_to_message
-
-START = 1_700_000_000 * 10**9
-def message(scan, stamp=None, frame_id='laser', scale=1.0, longest=math.inf, **fields):
-    """The scan's message, with some of what a driver may state wrongly."""
-    wrong = changed(scan, ranges=array.array('f', scale * np.minimum(scan.ranges, longest)), **fields)
-    wrong.header.stamp, wrong.header.frame_id = stamp_to_message(scan.stamp if stamp is None else stamp), frame_id
-    return wrong
+from dbscan_reg_ros.node.interfaces.messages import scan_to_message, stamp_to_message
 
 
 def warnings(process):
@@ -53,11 +45,10 @@ def test_two_publishers_of_one_lidar_are_named_and_nothing_else_is_accused(start
             reports, pairs, scans = len(received), scans[:20], scans[20:]
             assert pairs, node.output()
             for scan in pairs:
-                back = array.array('f', np.roll(scan.ranges, 180))
-                late = message(scan), message(scan, scan.stamp - 150_000_000)
-                for speaker, sent in zip(speakers, late, strict=True):
-                    sent.ranges = sent.ranges if speaker is speakers[0] else back
-                    speaker.tell(sent)
+                late = changed(scan, ranges=array.array('f', np.roll(scan.ranges, 180)))
+                late.header.stamp = stamp_to_message(scan.stamp - 150_000_000)
+                for speaker, message in zip(speakers, (scan_to_message(scan), late), strict=True):
+                    speaker.tell(message)
             peer.until(lambda reports=reports: len(received) > reports)
         peer.until(lambda: any(names in status.message for report in received for status in report.status))
     assert {text.partition(': expected')[0] for text in warnings(node)} == {names}

@@ -82,21 +82,17 @@ def test_two_lidars_give_one_odometry_and_either_may_be_missing(start_command, p
         assert math.hypot(pose.x - true.x, pose.y - true.y) < 0.03
 
 
-def loudspeakers(peer):
-    return {name: Loudspeaker(peer, LaserScan, f'/{name}/scan') for name in ('front', 'rear')}
-
-
-def played(peer, scans, late, lidars=None, waited_for='front'):
+def played(peer, scans, late):
     """The odometry of the node while `scans` are sent, those of the rear lidar stamped `late` [ns].
 
-    After each scan of the lidar `waited_for`, its odometry has come before the next scan is sent.
+    After each scan of the front lidar, its odometry has come before the next scan is sent.
     """
-    lidars = lidars or loudspeakers(peer)
+    lidars = {name: Loudspeaker(peer, LaserScan, f'/{name}/scan') for name in ('front', 'rear')}
     found = peer.subscribe(Odometry, '/odom')
     for scan in scans:
         count, rear = len(found), scan.frame_id == 'rear'
         lidars[scan.frame_id].tell(scan_to_message(dataclasses.replace(scan, stamp=scan.stamp + late * rear)))
-        if scan.frame_id == waited_for:
+        if not rear:
             peer.until(lambda count=count: len(found) > count)
     return found
 
