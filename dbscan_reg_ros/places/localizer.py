@@ -171,13 +171,17 @@ class Localizer:
         """
         if update.starts_track:
             self._forget()
-        # After a scan whose motion is not known, the next one shows whether the pose is still right.
-        if update.status is Status.FAILED:
-            self._failed = True
-        elif not update.waits and (self._failed or self._moved(update.pose.as_array())):
-            self._failed = False
+        self._failed |= update.status is Status.FAILED
+        # After a scan that failed, the motion is known again at the next one that is OK: until then the pose is where
+        # the scan alone suits the map, and a scan that suits it nowhere near by shows that the pose is wrong.
+        unknown = self._failed and update.status is not Status.OK
+        placed = self._placed(update) if unknown and self._state is State.LOCALISED else None
+        moved, is_placed = self._moved(update.pose.as_array()), placed is not None and placed[0] is State.LOCALISED
+        waits = update.waits or update.status is Status.FAILED or (is_placed and not moved)
+        if not waits and (self._failed or moved):
+            self._failed, placed = False, None
             self._use(update)
-        return self._report(update)
+        return self._report(update, placed)
 
     def candidates(self, features: Features) -> NDArray[np.float64]:
         """Return the poses (C, 3) in the map where a scan with these `features` fits best.
@@ -308,7 +312,7 @@ class Localizer:
                     bool(share[0] / share.sum() >= CERTAIN and odds[best[0]] > 0.0))
 
     def _placed(self, update: OdometryUpdate) -> tuple[State, SE2, NDArray[np.float64]]:
-        """Return the state, the transform and the covariance at a scan whose motion the odometry does not know.
+        """Return the state, the transform and the covariance by a scan whose motion the odometry does not know.
 
         If the scan suits the map at one place near the predicted pose, it is there; if at none, it may be anywhere.
         """
@@ -333,16 +337,16 @@ class Localizer:
         """Return the covariance (3, 3) of the motion since the last scan that was used, in the odometry frame."""
         return motion_covariance(self._used, self._odometry_covariance, update)
 
-    def _report(self, update: OdometryUpdate) -> Localization:
-        """Return what is known at the pose of an update."""
+    def _report(self, update: OdometryUpdate, placed: tuple[State, SE2, NDArray[np.float64]] | None) -> Localization:
+        """Return what is known at the pose of an update; `placed` is that of `_placed`, if it counts."""
         latest = np.repeat(update.pose.as_array()[None], len(self._hypotheses), axis=0)
         places = [SE2.from_array(pose) for pose in compose(self._hypotheses, latest)]
         hypotheses = list(zip(places, self._probabilities.tolist(), strict=False))
         if self._transform is None:
             return Localization(self._state, None, None, None, hypotheses, self._elsewhere)
         state, transform, covariance = self._state, SE2.from_array(self._transform), LOST
-        if self._state is State.LOCALISED and update.status is Status.FAILED:
-            state, transform, covariance = self._placed(update)
+        if placed is not None:
+            state, transform, covariance = placed
         elif self._covariance is not None:
             covariance = self._spread(update) + OF_MAP
         return Localization(state, transform, transform @ update.pose, covariance, hypotheses, self._elsewhere)

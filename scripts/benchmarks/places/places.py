@@ -190,7 +190,7 @@ def of_vote(maps) -> dict:
             if pose is not None:
                 offs.append(relative(truth, pose[None])[0])
         milliseconds = 1e3 * (process_time() - begin) / len(inside)
-        right = sum(math.hypot(x, y) <= RIGHT[0] and abs(wrap(theta)) <= RIGHT[1] for x, y, theta in offs)
+        right = sum(math.hypot(x, y) <= RIGHT[0] and bool(abs(wrap(theta)) <= RIGHT[1]) for x, y, theta in offs)
         found[name] = {'starts_count': len(inside), 'answered': len(offs) / len(inside),
                        'wrong_count': len(offs) - right, 'ms_start': milliseconds,
                        'claimed_count': sum(answers[k % 2](maps.aces[first:first + 60])[1] is not None

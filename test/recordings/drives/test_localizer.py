@@ -172,7 +172,7 @@ def test_the_map_places_a_scan_whose_motion_the_odometry_does_not_know(floor):
     for update in updates[1:6]:
         localizer.process(update)
     off = updates[6].pose @ SE2(0.1, 0.0, 0.15)
-    for pose, status in ((off, Status.FAILED), (updates[6].pose, Status.OK)):
+    for pose, status in ((off, Status.FAILED), (off, Status.AMBIGUOUS), (updates[6].pose, Status.OK)):
         found = localizer.process(dataclasses.replace(updates[6], pose=pose, status=status))
         error = SE2.from_array(truth[6]).inverse() @ found.pose
         assert found.state is State.LOCALISED and math.hypot(error.x, error.y) < 0.1 and abs(error.theta) < 0.02
@@ -182,13 +182,14 @@ def sigma(found):
     return math.sqrt(found.covariance[0, 0])
 
 
-def test_the_scan_after_a_failed_one_shows_that_the_robot_was_carried(floor):
+@pytest.mark.parametrize('after', [Status.OK, Status.AMBIGUOUS])
+def test_the_scan_after_a_failed_one_shows_that_the_robot_was_carried(floor, after):
     localizer = Localizer(grid_of(floor))
     truth, updates = driven(floor, floor.tour[6:4:-1])
     _, elsewhere = driven(floor, floor.tour[2:4])
     localizer.set_pose(SE2.from_array(truth[0]), 1e-4 * np.eye(3), updates[0])
     assert [localizer.process(update).state for update in updates[1:6]] == [State.LOCALISED] * 5
-    for status in (Status.FAILED, Status.OK):
+    for status in (Status.FAILED, after):
         there = dataclasses.replace(updates[5], features=elsewhere[0].features, status=status)
         found = localizer.process(there)
         assert found.state is State.SEARCHING and sigma(found) == 10.0
