@@ -94,9 +94,9 @@ class NodePriorParameters(PriorParameters):
 
     source: str = parameter(
         'constant_velocity', bounds=SOURCES, read_only=True,
-        help='Source of the predicted motion between scans. Without an external prior: none, or constant_velocity (the '
-             'motion model that advanced.odometry.prior selects). External priors: odometry (topic wheel_odom), imu '
-             '(yaw rate on the topic imu, translation from the motion model), odometry+imu (translation of the wheels, '
+        help='Source of the predicted motion between scans. Without an external prior: none (every motion is equally '
+             'likely), or constant_velocity (the motion model). External priors: odometry (topic wheel_odom), imu (yaw '
+             'rate on the topic imu, translation from the motion model), odometry+imu (translation of the wheels, '
              'rotation of the IMU; each alone while the other has no data) or tf (pose of the base in the frame '
              'prior.frame). While an external prior has no data, the motion model predicts.')
     frame: str = parameter(

@@ -30,8 +30,8 @@ from .sensors import (
 )
 
 MOUNTINGS = ('none', 'laser_pose', 'tf')
-METHOD = frozenset(each.name for each in Parameters.describe())
-"""Full names of the parameters of the method."""
+METHOD = frozenset(each.name for each in Parameters.describe()) - {'prior.source'}
+"""Full names of the parameters of the method; a replay names its prior by options as well."""
 CLOUDS = frozenset({'input.type', 'input.height_min', 'input.height_max', 'input.bearing_step'})
 """Full names of the parameters that only point clouds need."""
 REPLAYED = METHOD | CLOUDS | {'odom_frame', 'base_frame', 'mounting', 'laser_pose', 'upside_down', 'input.mask',
@@ -194,14 +194,10 @@ class NodeParameters(Parameters):
                         for name in names for own, value in sensor_values(name, given, plain).items()}
 
     def for_odometry(self) -> Parameters:
-        """Return the parameters for `Odometry`: if `prior.source` is none, `advanced.odometry.prior` is none, too.
-
-        The limits of the ranges are those of the lidar, if there is only one.
-        """
-        parameters = self
+        """Return the parameters for `Odometry`: the limits of the ranges of the only lidar, if there is one."""
         if self.sensors != NAMELESS and len(self.sensors) == 1:
-            parameters = dataclasses.replace(self, scan=self.lidar(self.scan_topics[0]).scan)
-        return parameters.replace({'advanced.odometry.prior': 'none'}) if self.prior.source == 'none' else parameters
+            return dataclasses.replace(self, scan=self.lidar(self.scan_topics[0]).scan)
+        return self
 
     def lidar(self, topic: str) -> LidarParameters:
         """Return the parameters of the lidar on `topic`; of the first lidar if no lidar has this topic.

@@ -80,7 +80,7 @@ class Odometry:
         prior : Prior, optional
             Motion of the first sensor since the last scan of any sensor, from an external source (wheels, gyroscope).
             If it measures translation and rotation, its systematic errors are estimated online
-            (`prior.calibration_distance`). Without a prior the motion model predicts, unless `odometry.prior` is
+            (`prior.calibration_distance`). Without a prior the motion model predicts, unless `prior.source` is
             ``none``.
         sensor : Sensor
             The sensor of the scan. Scans of several sensors should be processed in the order of their stamps. A track

@@ -9,6 +9,10 @@ from .schema import ParameterGroup, parameter
 class PriorParameters(ParameterGroup):
     """Prediction of the motion since the last scan, and the gate around it."""
 
+    source: str = parameter(
+        'constant_velocity', bounds=('none', 'constant_velocity'),
+        help='Prediction when there is no external prior: none (every motion since the last scan is equally likely) or '
+             'constant_velocity (the motion model).')
     weight: float = parameter(
         0.15, bounds=(0.0, 2.0), case='symptom: `ambiguous` in rooms with repeated structure',
         help='Largest reduction of the score of a hypothesis for its distance from the prediction. Larger values give '
@@ -60,10 +64,6 @@ class OdometryParameters(ParameterGroup):
         'window', bounds=('previous', 'keyframe', 'window'),
         help='Reference of a scan: previous (the last scan, as in the paper), keyframe (the latest key frame) or '
              'window (the latest key frame, then an alignment with all key frames of the window).')
-    prior: str = parameter(
-        'constant_velocity', bounds=('none', 'constant_velocity'), case='courses corridors, trees',
-        help='Prediction when there is no external prior: none (every motion since the last scan is equally likely) or '
-             'constant_velocity (the motion model).')
     key_frames: int = parameter(
         40, bounds=(1, 1000),
         help='Number of key frames in the window. Larger values reduce the drift where the robot returns to a known '

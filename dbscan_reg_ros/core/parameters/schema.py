@@ -281,6 +281,8 @@ _FIXED: dict[str, object] = {
 _GONE = {'calibrate_mountings': 'mountings are not changed while driving; set the values that the diagnostics and '
                                 'calibrate give'}
 """Parameters of earlier versions -> why they are gone."""
+_RENAMED = {'odometry.prior': 'prior.source'}
+"""Parameters of earlier versions, without `ADVANCED` -> what they are now."""
 
 
 def gone(name: str, names: Collection[str]) -> str:
@@ -293,6 +295,7 @@ def gone(name: str, names: Collection[str]) -> str:
         return f'{name} is gone: {_GONE[name]}'
     if plain in _FIXED:
         return f'{name} is no parameter any more: it is {_FIXED[plain]} for every sensor, robot and building'
+    plain = _RENAMED.get(plain, plain)
     return next((f'{name} is now {other}' for other in (plain, f'{ADVANCED}{plain}') if other in names), '')
 
 

@@ -42,7 +42,7 @@ FEATURES = {
     'covariance of few points': ({'advanced.decision.few_points_scale': 0.0}, ('corridors', 'leader')),
     'gate after weak predictions': ({'advanced.decision.weak_prior_information': 0.0}, ('aces', 'sparse')),
     'score of the prediction': ({'advanced.prior.weight': 0.0}, ('bursts', 'corridors')),
-    'motion model': ({'advanced.odometry.prior': 'none'}, ('corridors', 'trees')),
+    'motion model': ({'prior.source': 'none'}, ('corridors', 'trees')),
     'mean of three velocities': ({'advanced.prior.velocity_window': 1}, ('lidars', 'featureless')),
     'key-frame window': ({'odometry.reference': 'keyframe'}, ('rooms', 'corridors')),
     'local map of key frames': ({'odometry.key_frames': 1}, ('chairs', 'rooms')),

@@ -51,7 +51,7 @@ def test_a_gyroscope_changes_the_rotation_and_is_no_external_motion(state):
     assert found.motion.prior.transform.theta == pytest.approx(0.02)
 
 
-@pytest.mark.parametrize('parameters', [P, P.replace({'advanced.odometry.prior': 'none'})])
+@pytest.mark.parametrize('parameters', [P, P.replace({'prior.source': 'none'})])
 def test_a_gyroscope_measures_no_translation_where_the_velocity_is_unknown(state, parameters):
     """After a correction of the pose and without a motion model, the predicted translation is 0."""
     state.motion.forget_position()

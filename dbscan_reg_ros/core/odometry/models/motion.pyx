@@ -155,7 +155,7 @@ cdef class ConstantVelocityModel:
         cdef SE2 increment = self._increment
         cdef double length = interval.length, square = length * length, max_sigma, change, turn, sigma, turn_sigma
         p = parameters.prior
-        if increment is None or parameters.odometry.prior == 'none':
+        if increment is None or p.source == 'none':
             return Prior(SE2(), unknown_motion_covariance(interval, parameters), measures_translation=False)
         if interval.jump and self.has_velocity:
             return motion_without_scans(as_array(self._mean_twist()), interval, parameters)
