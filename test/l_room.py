@@ -20,7 +20,7 @@ def rows(*motions):
 
 
 def fitted(reference, current, motion):
-    return fit(motion.as_array(), current.sampled_points, reference.likelihood_field, DENSITY.min_normal_cosine)
+    return fit(motion.as_array(), current.sampled_points, reference.likelihood_field)
 
 
 def weight(found, scale):

@@ -52,16 +52,16 @@ def test_beams_keep_their_number_and_normals_their_length(size, seed):
 @given(POINTS, POINTS, st.integers(0, 2))
 def test_points_meet_the_lines_of_a_table(around, points, count):
     field, motions = build_likelihood_field(around, P.density), np.zeros((count, 3))
-    found = fit(np.zeros(3), points, field, 0.5)
+    found = fit(np.zeros(3), points, field)
     # Errors and derivatives; weights and derivatives by own normals are written when they are asked for.
     assert found.residuals.shape == (8, len(points)) and np.isfinite(found.residuals[[0, 2, 3, 4]]).all()
     np.testing.assert_array_equal(found.places, points.points)
     assert len(around) or not found.alike.any()
-    moved, equations = refine(motions, Alignment(points, field, 0.5, 0.003), [0.5, 0.1])
+    moved, equations = refine(motions, Alignment(points, field, 0.003), [0.5, 0.1])
     assert moved.shape == (count, 3) and np.isfinite(moved).all()
     np.testing.assert_array_equal(equations, equations.swapaxes(1, 2))
     assert (np.diagonal(equations, axis1=1, axis2=2) >= 0.0).all()
-    assert leverage(points, 1.0).sum() <= 1.0 + 1e-9 and len(sample(points, 100)) <= max(len(points), 100)
+    assert leverage(points).sum() <= 1.0 + 1e-9 and len(sample(points, 100)) <= max(len(points), 100)
 
 
 @given(SEEN, POINTS, st.integers(1, 3))

@@ -126,7 +126,7 @@ def test_the_leverage_is_the_diagonal_of_the_hat_matrix(seed, size):
     for weights in (points.weights, None, np.zeros(size)):
         hat = np.einsum('ni,ij,nj->n', rows, np.linalg.inv(mean + np.eye(2)), rows)
         hat = hat if weights is None else hat * weights
-        found = leverage(OrientedPoints(points.points, points.normals, points.beams, weights), 1.0)
+        found = leverage(OrientedPoints(points.points, points.normals, points.beams, weights))
         np.testing.assert_allclose(found, hat / max(hat.sum(), 1e-300), atol=1e-12)
     if size > 2:
         hat = np.einsum('ni,ij,nj->n', rows, np.linalg.inv(mean), rows)

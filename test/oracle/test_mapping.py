@@ -17,12 +17,12 @@ from dbscan_reg_ros.core.mapping.local_map import older_map_points
 from dbscan_reg_ros.core.mapping.lookup import Slots, confirm, look_up_correspondences, look_up_subsets
 from dbscan_reg_ros.core.mapping.records import PosePrior
 from dbscan_reg_ros.core.odometry.models.propagation import CovariancePropagation
+from dbscan_reg_ros.core.parameters.registration import MIN_NORMAL_COSINE
 from dbscan_reg_ros.core.parameters.tree import Parameters
 from dbscan_reg_ros.core.registration.records import Prior
 
 P = Parameters()
 SEEDS = pytest.mark.parametrize('seed', range(3))
-MIN_COSINE = P.density.min_normal_cosine
 
 
 def window(rng, count, size=150):
@@ -50,7 +50,7 @@ def pairs_of(window, pose, points):
             place, normal = turn * points.points[p] + shift, turn * points.normals[p]
             at = int(field.nearest(np.array([place]))[0])
             offset = field.normals[at] * place
-            if (at < len(field.normals) - 1 and (field.normals[at] * normal).real > MIN_COSINE
+            if (at < len(field.normals) - 1 and (field.normals[at] * normal).real > MIN_NORMAL_COSINE
                     and abs(offset.imag - field.along[at]) <= field.extents[at]):
                 found.append((k, p, offset.real - field.offsets[at]))
     return found

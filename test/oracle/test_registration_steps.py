@@ -40,7 +40,7 @@ def test_the_errors_are_the_distances_from_the_lines_of_the_nearest_points(map_s
     rng = np.random.default_rng(map_size)
     around, points = oriented_points(rng, map_size), oriented_points(rng, 180)
     field, pose = build_likelihood_field(around, P.density), SE2.from_array(rng.normal(0.0, 0.3, 3))
-    found = fit(pose.as_array(), points, field, 0.5)
+    found = fit(pose.as_array(), points, field)
     places = np.exp(1j * pose.theta) * points.points + complex(pose.x, pose.y)
     np.testing.assert_allclose(found.places, places, atol=1e-12)
     apart = np.abs(places[:, None] - around.points)
@@ -56,7 +56,7 @@ def test_the_normal_equations_are_those_of_finite_differences(rng):
     pose, scale, step = rng.normal(0.0, 0.02, 3), 0.1, 1e-7
 
     def errors(at):
-        return fit(at, points, field, 0.5)
+        return fit(at, points, field)
 
     now = errors(pose)
     columns = np.array([(errors(pose + move).residuals[0] - now.residuals[0]) / step for move in step * np.eye(3)])
@@ -64,7 +64,7 @@ def test_the_normal_equations_are_those_of_finite_differences(rng):
     same = (np.abs(columns) < 10.0).all(axis=0)
     weights = points.weights * weight(now, scale) * same
     design = np.vstack((columns, now.residuals[0])) * same
-    _, equations = refine(pose[None], Alignment(points, field, 0.5, 0.0), [scale])
+    _, equations = refine(pose[None], Alignment(points, field, 0.0), [scale])
     assert same.mean() > 0.97
     assert np.abs(equations[0] - (design * weights) @ design.T).max() < 0.05 * np.abs(equations[0]).max()
     weights = points.weights * weight(now, scale)

@@ -67,10 +67,9 @@ def test_a_set_does_not_differ_from_itself_nor_by_what_it_says_does_not_count(co
 
 
 def test_a_worse_set_is_found_and_sets_the_exit_status(compare, tmp_path):
-    names = ('coarse_iterations', 'fine_iterations', 'polish_iterations')
-    lines = ['/**:', '  ros__parameters:', '    odometry.reference: keyframe', '    advanced:', '      refinement:',
-             *(f'        {name}: 0' for name in names)]
-    (tmp_path / 'bad.yaml').write_text('\n'.join(lines) + '\n')
+    (tmp_path / 'bad.yaml').write_text(
+        '/**: {ros__parameters: {odometry.reference: keyframe, advanced.density.cell_size: 0.1, '
+        'advanced.refinement.polish_iterations: 0}}')
     code, printed, content = compare('defaults', tmp_path / 'bad.yaml')
     assert code == 1 and 'B is worse in translation' in printed.out
     assert content['differences']['all']['m']['low'] > 0.0

@@ -9,6 +9,8 @@ from ..geometry.plane cimport modulus, rotated, vector
 from .point_weights cimport leverage_weight
 
 cdef double TINY = tolerance.TINY
+# Ridge of the leverage, in units of the mean square of a normal: a rare direction weighs at most twice as much.
+cdef double LEVERAGE_RIDGE = 1.0
 
 
 cdef class OrientedPoints:
@@ -125,11 +127,11 @@ def spacing(Py_ssize_t size, Py_ssize_t count):
     return (size + count - 1) // count
 
 
-def leverage(OrientedPoints oriented, double ridge):
+def leverage(OrientedPoints oriented):
     """Return weights ``(P,)`` with sum 1 that are larger for points with a rare normal direction.
 
     In a corridor this raises the weight of the few points whose normals point along it. The weight is the statistical
-    leverage of the normal in a regression with this `ridge`; large values make all weights equal.
+    leverage of the normal in a ridge regression.
     """
     cdef const double complex[::1] normals = oriented.normals_view
     cdef const double[::1] given = oriented.weights_view
@@ -141,7 +143,7 @@ def leverage(OrientedPoints oriented, double ridge):
         for k in range(size):
             x, y = normals[k].real, normals[k].imag
             xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
-        xx, xy, yy = xx / max(size, 1) + ridge, xy / max(size, 1), yy / max(size, 1) + ridge
+        xx, xy, yy = xx / max(size, 1) + LEVERAGE_RIDGE, xy / max(size, 1), yy / max(size, 1) + LEVERAGE_RIDGE
         for k in range(size):
             x, y = normals[k].real, normals[k].imag
             weight[k] = leverage_weight(x, y, xx, xy, yy) * given[k]

@@ -244,7 +244,7 @@ cdef class Features:
     def leverage(self):
         """Weight of each of the `sampled_points` in a score; the weights sum to 1."""
         if self._leverage is None:
-            self._leverage = leverage(self.sampled(), self.density.leverage_ridge)
+            self._leverage = leverage(self.sampled())
         return self._leverage
 
     @property

@@ -25,6 +25,8 @@ cdef Py_ssize_t SPLIT_LEVELS = 6
 cdef double JOIN_NOISE = 2.5, JOIN_GAP = 1.0
 # Minimum number of steps from the first to the last point of a piece; passes in which neighbours are joined.
 cdef Py_ssize_t MIN_STEPS = 2, JOINS = 2
+# Largest number of segments: the pairs of two scans take time and memory. No course has as many.
+cdef Py_ssize_t MAX_SEGMENTS = 100
 # Two segments can meet in a corner only if the second starts at most this many points after the end of the first, and
 # the sine of the angle between them is at least this.
 cdef Py_ssize_t MAX_CORNER_POINTS = 3
@@ -77,7 +79,7 @@ cdef Segments extract_segments(const Surfaces *surfaces, const double *noise, pa
         split(surfaces, noise, &edges[0])
         count = join(surfaces, noise, &edges[0], pieces)
         count = place_ends(surfaces, parameters.min_points, parameters.min_length, pieces, count)
-        count = keep_longest(pieces, count, parameters.max_segments)
+        count = keep_longest(pieces, count)
         find_corners(surfaces, pieces, count)
         return make_segments(surfaces, noise, pieces, count)
     finally:
@@ -217,15 +219,15 @@ cdef Py_ssize_t place_ends(const Surfaces *surfaces, double min_points, double m
     return kept
 
 
-cdef Py_ssize_t keep_longest(Piece *pieces, Py_ssize_t count, Py_ssize_t most) except -1:
-    """Keep the longest pieces, at most `max_segments`, in beam order; return their number."""
+cdef Py_ssize_t keep_longest(Piece *pieces, Py_ssize_t count) except -1:
+    """Keep the longest pieces, at most `MAX_SEGMENTS`, in beam order; return their number."""
     cdef Py_ssize_t k
-    if count <= most:
+    if count <= MAX_SEGMENTS:
         return count
     lengths = np.array([distance(pieces[k].end, pieces[k].start) for k in range(count)])
-    for k, chosen in enumerate(np.sort(order_up_to_rounding(-lengths)[:most]).tolist()):
+    for k, chosen in enumerate(np.sort(order_up_to_rounding(-lengths)[:MAX_SEGMENTS]).tolist()):
         pieces[k] = pieces[<Py_ssize_t> chosen]
-    return most
+    return MAX_SEGMENTS
 
 
 cdef void find_corners(const Surfaces *surfaces, Piece *pieces, Py_ssize_t count) noexcept nogil:

@@ -31,7 +31,7 @@ cdef class ScanLookup:
     cdef Slots slots
     cdef OrientedPoints own
     cdef Py_ssize_t max_points
-    cdef double min_cosine, x, y
+    cdef double x, y
     cdef Hit *hits
 
     cdef Correspondences at(self, pose)

@@ -4,6 +4,7 @@
 import numpy as np
 
 from ..features.oriented_points import high_leverage
+from ..parameters import registration as constants
 
 cimport cython
 from libc.math cimport cos, fabs, sin
@@ -15,6 +16,7 @@ from ..geometry.plane cimport length_of
 from ..registration.views cimport FieldArrays, Lines, lines_of, nearest
 from .correspondences cimport Correspondences, Turned
 
+cdef double MIN_NORMAL_COSINE = constants.MIN_NORMAL_COSINE
 # Each point is looked up in at least this many key frames.
 cdef Py_ssize_t MIN_FRAMES_PER_POINT = 3
 # The size of a subset is about `density.max_points` divided by this number.
@@ -64,7 +66,7 @@ cdef class ScanLookup:
 
     def __cinit__(self, Slots slots, OrientedPoints points, density):
         self.slots, self.own = slots, points
-        self.max_points, self.min_cosine = density.max_points, density.min_normal_cosine
+        self.max_points = density.max_points
         # One more is written, but not counted.
         self.hits = <Hit *> malloc((self.own.size + 1) * sizeof(Hit))
         if self.hits == NULL:
@@ -124,6 +126,7 @@ cdef class ScanLookup:
         cdef Turned *turned
         cdef Py_ssize_t i, at, hits = 0, count = found.count
         cdef double x = self.x - slot.x, y = self.y - slot.y, c = slot.c, s = slot.s, dx, dy, nx, ny
+        cdef double least = MIN_NORMAL_COSINE
         cdef double complex line
         cdef bint alike, beside
         for i in range(chosen.shape[0]):
@@ -138,7 +141,7 @@ cdef class ScanLookup:
             # The conjugated normal in the odometry frame.
             nx, ny = line.real * c - line.imag * s, line.real * s + line.imag * c
             dx, dy = turned.x + x, turned.y + y
-            alike = nx * turned.nx - ny * turned.ny > self.min_cosine
+            alike = nx * turned.nx - ny * turned.ny > least
             beside = fabs(nx * dy + ny * dx - field.along[at]) <= field.extents[at]
             found.e[count] = (nx * dx - ny * dy - field.offsets[at]) * turned.inverse_noise
             nx, ny = nx * turned.inverse_noise, ny * turned.inverse_noise

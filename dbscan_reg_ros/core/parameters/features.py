@@ -94,7 +94,3 @@ class SegmentParameters(ParameterGroup):
         0.15, unit='m', bounds=(0.0, 100.0), case='building with much furniture',
         help='Segments shorter than this are dropped. Larger values keep only long walls; smaller values also keep '
              'short lines whose direction is uncertain.')
-    max_segments: int = parameter(
-        100, bounds=(2, 1000), case='courses trees, chairs',
-        help='Largest number of segments of a scan; the longest ones are kept. Larger values give more hypotheses and '
-             'take longer; smaller values are faster.')

@@ -1,22 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of a registration."""
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from ..geometry.array_types import FloatArray
 from ..geometry.tolerance import RESOLUTION
 from .schema import ParameterGroup, parameter
+
+
+def _geometric(first: float, last: float, count: int) -> list[float]:
+    return [first * (last / first) ** (i / max(count - 1, 1)) for i in range(count)]
+
 
 POLISH_SPREAD = 1.6
 """Kernel scale of a polishing iteration in multiples of the spread of the errors: most points keep their weight."""
 COARSE_SCALE, FINE_SCALE, FINAL_SCALE = 0.25, 0.1, 0.03
 """Kernel scale [m] of the first coarse, of the last coarse and first fine, and of the last fine and first polishing
 iteration: from the error of a hypothesis of two lines to several times the noise of a lidar."""
+COARSE_SCALES, FINE_SCALES = (np.array(_geometric(*each)) for each in (
+    (COARSE_SCALE, FINE_SCALE, 3), (FINE_SCALE, FINAL_SCALE, 2)))
+"""Kernel scale [m] of each coarse iteration of all hypotheses, and of each fine one of those that are compared."""
 SCORE_SCALE = 0.05
 """Kernel scale [m] of the score, of the covariance, and of the last pass of the search along a degenerate direction:
 the errors of points on the right surfaces, with the noise of most lidars."""
+MIN_NORMAL_COSINE = 0.5
+"""Least cosine of the angle between the normals of two corresponding points: two walls of a corner do not correspond,
+while normals that noise turns by up to 60 deg do."""
 MIN_CROSSING_SINE = 0.35
 """Least sine of the angle between two lines that determine a translation (eps2 of Eq. 13), and between a wall and the
 degenerate direction along which it is a landmark: the error of a line is magnified by at most three."""
@@ -94,20 +103,11 @@ class DensityParameters(ParameterGroup):
         0.4, unit='m', bounds=(0.02, 2.0), case='symptom: walls are drawn twice',
         help='Distance beyond which a point has no correspondence. Larger values let hypotheses converge from farther '
              'away and take longer; smaller values reject more outliers.')
-    min_normal_cosine: float = parameter(
-        0.5, bounds=(-1.0, 1.0), case='sensor with noisy ranges',
-        help='Least cosine of the angle between the normals of two corresponding points. Larger values reject more '
-             'wrong correspondences; smaller values accept noisier normals.')
     violation_weight: float = parameter(
         0.7, bounds=(0.0, 100.0), case='courses sparse, outages',
         help='Weight in the score of a point in the free space of the other scan, relative to a point on a surface. '
              'Larger values reject more hypotheses with points in free space; smaller values tolerate more dynamic '
              'points.')
-    leverage_ridge: float = parameter(
-        1.0, bounds=(0.001, 1000.0), case='courses lidars, corridors',
-        help='Ridge of the statistical leverage that gives points with a rare normal direction more weight. Larger '
-             'values make the weights more equal; smaller values give more weight to the few points at the end of a '
-             'corridor.')
 
 
 @dataclass(frozen=True)
@@ -154,15 +154,6 @@ class SelectionParameters(ParameterGroup):
 class RefinementParameters(ParameterGroup):
     """Robust point-to-line iterations on the likelihood field."""
 
-    coarse_iterations: int = parameter(
-        3, bounds=(0, 100), case='symptom: processing is too slow',
-        help='Number of coarse iterations of all hypotheses. Larger values let hypotheses converge from farther away '
-             'and take longer; 0 disables these iterations and the search along a degenerate direction.')
-    fine_iterations: int = parameter(
-        2, bounds=(0, 100), case='courses sparse, bursts',
-        help='Number of fine iterations if several hypotheses are compared; a single top candidate is only polished; '
-             'without polishing, as in the odometry, its pose is refined by these iterations. Larger values compare '
-             'more exactly and take longer; 0 compares the coarse results.')
     polish_iterations: int = parameter(
         5, bounds=(0, 100), case='symptom: processing is too slow',
         help='Number of polishing iterations of the best hypothesis, with a kernel that narrows to the spread of the '
@@ -181,16 +172,6 @@ class RefinementParameters(ParameterGroup):
         help='Damping of an iteration as a fraction of the translational information. Larger values move less along '
              'degenerate directions and converge more slowly; smaller values move more.')
 
-    @cached_property
-    def coarse_scales(self) -> FloatArray:
-        """Kernel scale [m] of each coarse iteration, from wide to narrow."""
-        return np.array(_geometric(COARSE_SCALE, FINE_SCALE, self.coarse_iterations))
-
-    @cached_property
-    def fine_scales(self) -> FloatArray:
-        """Kernel scale [m] of each fine iteration, from wide to narrow."""
-        return np.array(_geometric(FINE_SCALE, FINAL_SCALE, self.fine_iterations))
-
     def window_scales(self, noise: float) -> list[float]:
         """Kernel scale [m] of each iteration against the key-frame window, for a range noise [m]."""
         return _geometric(self.map_first_scale, max(self.map_scale, noise), MAP_ITERATIONS)
@@ -198,10 +179,6 @@ class RefinementParameters(ParameterGroup):
     def narrowed(self, scale: float, spread: float) -> float:
         """Kernel scale [m] of the next polishing iteration, from the last `scale` [m] and `spread` of errors [m]."""
         return min(max(POLISH_SPREAD * spread, RESOLUTION), scale)
-
-
-def _geometric(first: float, last: float, count: int) -> list[float]:
-    return [first * (last / first) ** (i / max(count - 1, 1)) for i in range(count)]
 
 
 @dataclass(frozen=True)

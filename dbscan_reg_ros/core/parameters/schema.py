@@ -276,7 +276,9 @@ _FIXED: dict[str, object] = {
     'manhattan.correlation_distance': 20.0, 'manhattan.direction_sigma': 0.035, 'manhattan.min_aligned_ratio': 0.5,
     'segments.depth_margin': 0.15, 'segments.normal_noise': 4.0, 'translation.min_crossing_sine': 0.35,
     'refinement.score_scale': 0.05, 'degeneracy.search_distance': 1.0, 'decision.weak_prior_sigma': 0.5,
-    'prior.stamp_jitter': 0.3, 'odometry.movable_weight': 0.03, 'odometry.static_baseline': 0.5}
+    'prior.stamp_jitter': 0.3, 'odometry.movable_weight': 0.03, 'odometry.static_baseline': 0.5,
+    'density.min_normal_cosine': 0.5, 'density.leverage_ridge': 1.0, 'segments.max_segments': 100,
+    'refinement.coarse_iterations': 3, 'refinement.fine_iterations': 2}
 """Parameters of earlier versions, without `ADVANCED`, that no sensor, robot or building needs -> their fixed value."""
 _GONE = {'calibrate_mountings': 'mountings are not changed while driving; set the values that the diagnostics and '
                                 'calibrate give'}

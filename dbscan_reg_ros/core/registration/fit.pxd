@@ -29,4 +29,4 @@ cdef class Fit:
     cdef Agreement agreement(self, double angle, double scale) noexcept nogil
 
 
-cdef Fit fit_at(Hypothesis *at, OrientedPoints points, Lines lines, double min_cosine)
+cdef Fit fit_at(Hypothesis *at, OrientedPoints points, Lines lines)

@@ -109,7 +109,7 @@ cdef class Fit:
         return found
 
 
-def fit(candidate, OrientedPoints points, field, double min_normal_cosine):
+def fit(candidate, OrientedPoints points, field):
     """Find the `Fit` of a scan's points to the reference.
 
     Parameters
@@ -119,16 +119,14 @@ def fit(candidate, OrientedPoints points, field, double min_normal_cosine):
         Of the current scan.
     field : LikelihoodField
         Of the reference.
-    min_normal_cosine : float
-        Minimum cosine of the angle between corresponding normals.
     """
     cdef Hypothesis at
     at.x, at.y, at.theta = candidate
-    return fit_at(&at, points, lines_of(field), min_normal_cosine)
+    return fit_at(&at, points, lines_of(field))
 
 
 @cython.boundscheck(False)
-cdef Fit fit_at(Hypothesis *at, OrientedPoints points, Lines lines, double min_cosine):
+cdef Fit fit_at(Hypothesis *at, OrientedPoints points, Lines lines):
     """Return the `Fit` at a hypothesis."""
     cdef Pose pose = pose_at(at.x, at.y, at.theta)
     cdef Fit found = Fit(points, at.x, at.y)
@@ -137,7 +135,7 @@ cdef Fit fit_at(Hypothesis *at, OrientedPoints points, Lines lines, double min_c
     cdef Py_ssize_t first = 0, i, k
     with nogil:
         while first < points.size:
-            match_points(points, lines, first, &pose, min_cosine, &match)
+            match_points(points, lines, first, &pose, &match)
             for i in range(match.size):
                 k = first + i
                 table[ERROR, k], table[ALIKE, k] = match.error[i], match.alike[i]

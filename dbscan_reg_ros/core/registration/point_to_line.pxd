@@ -92,10 +92,9 @@ cdef class Hypotheses:
     cdef motions(self)
 
 
-cdef int refine_hypotheses(OrientedPoints points, Lines field, double min_cosine, double damping, const double[::1] scales,
+cdef int refine_hypotheses(OrientedPoints points, Lines field, double damping, const double[::1] scales,
                            Hypotheses found) except -1 nogil
-cdef void match_points(OrientedPoints points, Lines lines, Py_ssize_t first, Pose *pose, double min_cosine,
+cdef void match_points(OrientedPoints points, Lines lines, Py_ssize_t first, Pose *pose,
                        Matches *found) noexcept nogil
 cdef void weigh(Matches *found, double scale) noexcept nogil
-cdef int add_points(OrientedPoints points, Lines field, Pose *pose, double min_cosine, double scale,
-                    Equations *sums) except -1 nogil
+cdef int add_points(OrientedPoints points, Lines field, Pose *pose, double scale, Equations *sums) except -1 nogil

@@ -3,6 +3,8 @@
 """Point-to-line correspondences and robust iterations (Eq. 16-18)."""
 import numpy as np
 
+from ..parameters import registration as constants
+
 cimport cython
 from libc.stdlib cimport free, malloc
 from libc.string cimport memcpy
@@ -11,6 +13,7 @@ from ..features.oriented_points cimport BLOCK, OrientedPoints
 from ..features.point_weights cimport kernel, kernel_factor
 from .views cimport FieldArrays, Grid, Lines, clipped, lines_of, point_of
 
+cdef double MIN_NORMAL_COSINE = constants.MIN_NORMAL_COSINE
 cdef Equations NO_POINTS = Equations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -97,9 +100,9 @@ def refine(candidates, alignment, scales):
     equations : (H, 4, 4) array
         The normal equations of the last iteration.
     """
-    points, field, min_cosine, damping = alignment
+    points, field, damping = alignment
     cdef Hypotheses found = Hypotheses(candidates)
-    refine_hypotheses(points, lines_of(field), min_cosine, damping, np.array(scales, dtype=float), found)
+    refine_hypotheses(points, lines_of(field), damping, np.array(scales, dtype=float), found)
     equations = np.empty((found.size, 4, 4))
     cdef double[:, :, ::1] table = equations
     cdef Py_ssize_t h
@@ -108,7 +111,7 @@ def refine(candidates, alignment, scales):
     return found.motions(), equations
 
 
-cdef int refine_hypotheses(OrientedPoints points, Lines field, double min_cosine, double damping, const double[::1] scales,
+cdef int refine_hypotheses(OrientedPoints points, Lines field, double damping, const double[::1] scales,
                            Hypotheses found) except -1 nogil:
     """Refine hypotheses in place, and keep the normal equations of their last iteration."""
     cdef Py_ssize_t h, level
@@ -120,14 +123,14 @@ cdef int refine_hypotheses(OrientedPoints points, Lines field, double min_cosine
         row.equations = NO_POINTS
         for level in range(scales.shape[0]):
             pose = pose_at(row.x, row.y, row.theta)
-            add_points(points, field, &pose, min_cosine, scales[level], &row.equations)
+            add_points(points, field, &pose, scales[level], &row.equations)
             solve_step(&row.equations, damping, step)
             row.x, row.y, row.theta = row.x - step[0], row.y - step[1], row.theta - step[2]
     return 0
 
 
 @cython.boundscheck(False)
-cdef void match_points(OrientedPoints points, Lines lines, Py_ssize_t first, Pose *pose, double min_cosine,
+cdef void match_points(OrientedPoints points, Lines lines, Py_ssize_t first, Pose *pose,
                        Matches *found) noexcept nogil:
     """Match a block of points, from the `first`, to the lines of the reference that are nearest to them at a pose.
 
@@ -140,7 +143,7 @@ cdef void match_points(OrientedPoints points, Lines lines, Py_ssize_t first, Pos
     cdef Grid grid = field.grid
     cdef Pose at = pose[0]
     cdef Py_ssize_t size = min(BLOCK, points.size - first), k, nearest
-    cdef double last_row = grid.rows - 1, last_column = grid.columns - 1, x, y, nx, ny, cosine
+    cdef double last_row = grid.rows - 1, last_column = grid.columns - 1, least = MIN_NORMAL_COSINE, x, y, nx, ny, cosine
     found.size = size
     # p_R = Rot(theta) p_O + t (Eq. 8)
     for k in range(size):
@@ -158,7 +161,7 @@ cdef void match_points(OrientedPoints points, Lines lines, Py_ssize_t first, Pos
         cosine = (nx * (at.c * normal[2 * k] - at.s * normal[2 * k + 1])
                   - ny * (at.s * normal[2 * k] + at.c * normal[2 * k + 1]))
         # The normal of no point is 0.
-        found.alike[k] = (1.0 if nx * nx + ny * ny > 0.0 else 0.0) * (1.0 if cosine > min_cosine else 0.0)
+        found.alike[k] = (1.0 if nx * nx + ny * ny > 0.0 else 0.0) * (1.0 if cosine > least else 0.0)
         found.error[k] = (nx * x - ny * y - found.error[k]) * inverse_noise[k]
         found.nx[k], found.ny[k] = nx * inverse_noise[k], ny * inverse_noise[k]
 
@@ -172,8 +175,7 @@ cdef void weigh(Matches *found, double scale) noexcept nogil:
 
 
 @cython.boundscheck(False)
-cdef int add_points(OrientedPoints points, Lines field, Pose *pose, double min_cosine, double scale,
-                    Equations *sums) except -1 nogil:
+cdef int add_points(OrientedPoints points, Lines field, Pose *pose, double scale, Equations *sums) except -1 nogil:
     """Write the normal equations of all points at a pose, weighted by a kernel of `scale` [m]."""
     cdef Py_ssize_t first, k
     cdef const double *weights
@@ -181,7 +183,7 @@ cdef int add_points(OrientedPoints points, Lines field, Pose *pose, double min_c
     cdef Equations total = NO_POINTS
     first = 0
     while first < points.size:
-        match_points(points, field, first, pose, min_cosine, &found)
+        match_points(points, field, first, pose, &found)
         weigh(&found, scale)
         weights = &points.weights_view[first]
         for k in range(found.size):

@@ -21,6 +21,7 @@ from .scoring cimport PRESELECTION_POINTS, RIVAL_ANGLE, RIVAL_DISTANCE, Comparis
 from .scoring cimport write_reverse_conflicts, write_scores
 
 cdef double TINY = tolerance.TINY
+cdef const double[::1] COARSE_SCALES = scales.COARSE_SCALES, FINE_SCALES = scales.FINE_SCALES
 cdef double COARSE_SCALE = scales.COARSE_SCALE, FINE_SCALE = scales.FINE_SCALE, FINAL_SCALE = scales.FINAL_SCALE
 
 cdef enum:
@@ -60,12 +61,10 @@ cdef class Search(Comparison):
     # Of the prior: motion [m, m, rad], covariance in its frame, least distance that counts, and its weight in scores.
     cdef double x, y, theta, gate, prior_weight
     cdef const double[:, ::1] covariance
-    cdef const double[::1] coarse_scales, fine_scales
     cdef bint has_prior
 
     def __cinit__(self, problem):
         p, prior = problem.parameters, problem.prior
-        self.coarse_scales, self.fine_scales = p.refinement.coarse_scales, p.refinement.fine_scales
         self.has_prior = prior is not None
         if self.has_prior:
             expected = prior.transform
@@ -85,20 +84,20 @@ cdef Hypotheses rank_coarsely(Search search, candidates):
     exempt, others = candidates
     if search.has_prior:
         found = Hypotheses(exempt, preselect(others, points, problem.reference.free_space, p.selection, p.density))
-        improve(search, found, search.points, search.coarse_scales, False)
+        improve(search, found, search.points, COARSE_SCALES, False)
         return found
     cdef OrientedPoints some = sample(points, PRESELECTION_POINTS)
     found = Hypotheses(exempt, others)
     keep_supported(search, found, some, COARSE_SCALE, p.selection.min_support_ratio)
-    improve(search, found, some, search.coarse_scales, False)
+    improve(search, found, some, COARSE_SCALES, False)
     # One more step by all points: where the best has not converged, all are refined once more.
     pose = pose_at(found.rows[0].x, found.rows[0].y, found.rows[0].theta)
-    add_points(search.points, search.field, &pose, search.min_cosine, FINE_SCALE, &sums)
+    add_points(search.points, search.field, &pose, FINE_SCALE, &sums)
     solve_step(&sums, search.damping, step)
     if length_of(step[0], step[1]) < FINAL_SCALE:
         return found
     again = Hypotheses(found.motions())
-    improve(search, again, search.points, search.coarse_scales, False)
+    improve(search, again, search.points, COARSE_SCALES, False)
     found.reserve(found.size + again.size)
     memcpy(&found.rows[found.size], again.rows, again.size * sizeof(Hypothesis))
     found.size += again.size
@@ -118,7 +117,7 @@ cdef int keep_supported(Search search, Hypotheses found, OrientedPoints points, 
         pose, support[h] = pose_at(found.rows[h].x, found.rows[h].y, found.rows[h].theta), 0.0
         first = 0
         while first < points.size:
-            match_points(points, search.field, first, &pose, search.min_cosine, &match)
+            match_points(points, search.field, first, &pose, &match)
             weigh(&match, scale)
             for k in range(match.size):
                 support[h] += match.weight[k]
@@ -136,7 +135,7 @@ cdef int improve(Search search, Hypotheses found, OrientedPoints points, const d
     """Refine all hypotheses by some points of the current scan, and sort them by their scores by all sampled points."""
     cdef Py_ssize_t h
     with nogil:
-        refine_hypotheses(points, search.field, search.min_cosine, search.damping, scales, found)
+        refine_hypotheses(points, search.field, search.damping, scales, found)
         write_scores(search, found)
     if both_ways:
         write_reverse_conflicts(search, found, found.number[0])
@@ -182,10 +181,10 @@ cdef int rank_finely(Search search, Hypotheses found) except -1:
     best = found.rows[0]
     add_shifted(search, found)
     if found.size > 1:
-        return improve(search, found, search.points, search.fine_scales, True)
+        return improve(search, found, search.points, FINE_SCALES, True)
     if not search.problem.parameters.refinement.polish_iterations:
         # Only the pose is replaced.
-        refine_hypotheses(search.points, search.field, search.min_cosine, search.damping, search.fine_scales, found)
+        refine_hypotheses(search.points, search.field, search.damping, FINE_SCALES, found)
         best.x, best.y, best.theta = found.rows[0].x, found.rows[0].y, found.rows[0].theta
         found.rows[0] = best
     return 0

@@ -17,15 +17,12 @@ class Alignment(NamedTuple):
         Points of the current scan.
     field : LikelihoodField
         Likelihood field of the reference.
-    min_normal_cosine : float
-        Minimum cosine of the angle between corresponding normals.
     damping : float
         Damping of a step, as in `solve_step`; it keeps candidates from moving in an unobservable direction.
     """
 
     points: OrientedPoints
     field: LikelihoodField
-    min_normal_cosine: float
     damping: float
 
 

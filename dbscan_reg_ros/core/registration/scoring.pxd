@@ -55,7 +55,7 @@ cdef class Comparison:
     # Sampled points of the current scan with their leverages; how far the reference saw, for each bin [m].
     cdef OrientedPoints points
     cdef const double[::1] leverage, free_space
-    cdef double min_cosine, damping, score_scale, tolerance, violation_weight
+    cdef double damping, score_scale, tolerance, violation_weight
 
 
 cdef int write_scores(Comparison comparison, Hypotheses found) except -1 nogil

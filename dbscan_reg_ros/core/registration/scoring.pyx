@@ -54,9 +54,8 @@ cdef class Comparison:
         self.problem, self.field = problem, lines_of(problem.reference.likelihood_field)
         self.points, self.leverage = current.sampled_points, current.leverage
         self.free_space = problem.reference.free_space.near
-        self.min_cosine, self.damping = p.density.min_normal_cosine, p.refinement.damping
+        self.damping, self.violation_weight = p.refinement.damping, p.density.violation_weight
         self.score_scale, self.tolerance = scales.SCORE_SCALE, VIOLATION_TOLERANCE
-        self.violation_weight = p.density.violation_weight
         if self.leverage.shape[0] != self.points.size:
             raise IndexError('arrays of different lengths')
 
@@ -97,7 +96,7 @@ cdef int write_scores(Comparison comparison, Hypotheses found) except -1 nogil:
         value = overlap = conflict = 0.0
         first = 0
         while first < comparison.points.size:
-            match_points(comparison.points, comparison.field, first, &pose, comparison.min_cosine, &match)
+            match_points(comparison.points, comparison.field, first, &pose, &match)
             weigh(&match, comparison.score_scale)
             place(comparison.points, first, &pose, &seen)
             write_violations(&seen, comparison.free_space, comparison.tolerance,
@@ -290,7 +289,7 @@ cdef int shift_along(Comparison comparison, OrientedPoints points, double angle,
         pose.x, pose.y, value[n] = candidate[0] + shift * c, candidate[1] + shift * s, 0.0
         first = 0
         while first < points.size:
-            match_points(points, comparison.field, first, &pose, comparison.min_cosine, &match)
+            match_points(points, comparison.field, first, &pose, &match)
             weigh(&match, scale)
             place(points, first, &pose, &seen)
             write_violations(&seen, comparison.free_space, comparison.tolerance, &points.inverse_noise_view[first])

@@ -27,13 +27,10 @@ FEATURES = {
         {'advanced.rotation.max_width': 0.0, 'advanced.translation.max_width': 0.0}, ('sparse', 'outages')),
     'end points': ({'advanced.translation.end_weight': 0.0}, ('sparse', 'bursts')),
     'shortest translations': ({'advanced.translation.shortest_rotations': 0}, ('bursts', 'lidars')),
-    'leverage': ({'advanced.density.leverage_ridge': 1000.0}, ('lidars', 'corridors')),
     'free space': ({'advanced.density.violation_weight': 0.0}, ('sparse', 'outages')),
-    'segments beyond the longest 100': ({'advanced.segments.max_segments': 1000}, ('trees', 'chairs')),
     'wide search': ({'advanced.selection.wide_search_factor': 1}, ('sparse', 'outages')),
     'landmarks': ({'advanced.selection.max_landmarks': 0}, ('outages',)),
     'several candidates': ({'advanced.selection.top_candidates': 1}, ('sparse', 'bursts')),
-    'fine refinement': ({'advanced.refinement.fine_iterations': 0}, ('sparse', 'bursts')),
     'search along a degenerate direction': (
         {'advanced.degeneracy.information_ratio': 0.0}, ('corridors', 'bursts')),
     'near-parallel walls in the alignment': (
@@ -56,7 +53,6 @@ FEATURES = {
     'zero-velocity update': ({'advanced.odometry.zero_velocity_gate': 0.0}, ('lms511', 'spinup')),
     'deskewing': ({'odometry.deskew': False}, ('losses', 'bursts')),
     'Manhattan heading': ({'advanced.manhattan.heading_drift': 0.0}, ('intel', 'rooms')),
-    'normals that agree': ({'advanced.density.min_normal_cosine': -1.0}, ('corridors', 'covered')),
     'gross outliers': ({'advanced.filter.gross_error': 0.0}, ('sparse', 'corridors')),
     'breakpoints by the noise': ({'advanced.segments.breakpoint_noise': 0.0}, ('lidars', 'sparse')),
     'pre-selection': ({'advanced.selection.preselected': 10000}, ('sparse', 'corridors')),

@@ -14,7 +14,6 @@ from dbscan_reg_ros.core.features.noise import estimate_noise, estimate_noise_ra
 from dbscan_reg_ros.core.features.oriented_points import OrientedPoints
 from dbscan_reg_ros.core.odometry.models.noise_history import NoiseRatioHistory
 from dbscan_reg_ros.core.parameters.features import ScanParameters
-from dbscan_reg_ros.core.parameters.registration import DensityParameters
 from dbscan_reg_ros.core.registration.fit import fit
 from dbscan_reg_ros.core.registration.pipeline import register, register_within_gate
 from dbscan_reg_ros.core.registration.point_to_line import refine
@@ -118,22 +117,22 @@ def test_errors_of_noisy_points_count_in_units_of_their_noise():
     Least squares with those weights, as numpy solves it.
     """
     features = extract_features(look(outline(L_ROOM), geometry=FULL))
-    cloud, surface, density = features.sampled_points, features.likelihood_field, DensityParameters()
+    cloud, surface = features.sampled_points, features.likelihood_field
     rng = np.random.default_rng(0)
     inverse_noise = np.where(cloud.points.real > 0.0, 1.0 / 3.0, 1.0)
     points = cloud.points + rng.normal(0.0, 0.005, len(cloud))
     noisy, plain = (OrientedPoints(points, cloud.normals, cloud.beams, cloud.weights, noise)
                     for noise in (inverse_noise, None))
     still = np.zeros((1, 3))
-    sharp, blunt = (fit(still[0], each, surface, density.min_normal_cosine) for each in (noisy, plain))
+    sharp, blunt = (fit(still[0], each, surface) for each in (noisy, plain))
     rows = linear_residuals(blunt)
     assert linear_residuals(sharp) == pytest.approx(rows * inverse_noise, abs=1e-12)
     assert (sharp.alike == blunt.alike).all()
-    found, _ = refine(still, Alignment(noisy, surface, density.min_normal_cosine, 0.0), [100.0])
+    found, _ = refine(still, Alignment(noisy, surface, 0.0), [100.0])
     rows = rows * (inverse_noise * blunt.alike)
     step, *_ = np.linalg.lstsq(rows[:3].T, -rows[3], rcond=None)
     assert found[0] == pytest.approx(step, abs=1e-6)
-    unweighted, _ = refine(still, Alignment(plain, surface, density.min_normal_cosine, 0.0), [100.0])
+    unweighted, _ = refine(still, Alignment(plain, surface, 0.0), [100.0])
     assert np.abs(found[0] - unweighted[0]).max() > 1e-4
 
 

@@ -110,6 +110,6 @@ def test_a_pole_constrains_both_directions():
     pose = SE2(0.04, -0.03, 0.02)
     reference, current = seen(SE2()), seen(pose)
     assert len(reference.oriented_points) == len(current.oriented_points) == 16
-    found, _ = refine(np.zeros((1, 3)), Alignment(current.sampled_points, reference.likelihood_field, 0.5, 0.003),
+    found, _ = refine(np.zeros((1, 3)), Alignment(current.sampled_points, reference.likelihood_field, 0.003),
                       [0.2] * 10)
     assert found[0] == pytest.approx(pose.as_array(), abs=0.012)

@@ -38,7 +38,7 @@ def test_a_point_before_a_wall_errs_by_its_distance_and_weighs_by_the_kernel():
                                                     np.arange(400)), DENSITY)
     point = OrientedPoints(np.array([0.3 + 1.9j]), np.array([-1j]), np.array([0]))
     before, turned, far = np.array([0.0, 0.05, 0.0]), np.array([1.9, 1.65, 0.5 * math.pi]), np.array([0.0, -0.6, 0.0])
-    found = [fit(each, point, surface, 0.5) for each in (before, turned, far)]
+    found = [fit(each, point, surface) for each in (before, turned, far)]
     assert found[0].rotated_points[0] == pytest.approx(0.3 + 1.9j)
     assert linear_residuals(found[0])[:, 0] == pytest.approx((0.0, -1.0, -0.3, 0.05))
     assert found[1].places[0] == pytest.approx(1.9 + 1.65j + 1j * (0.3 + 1.9j))
@@ -60,12 +60,12 @@ def test_scans_whose_normals_stray_each_by_itself_do_not_agree_along_a_wall():
 
 def polished(reference, current, candidate):
     """The last iterations of a candidate ``(3,)``, over all points."""
-    found = fit(candidate, current.oriented_points, reference.likelihood_field, DENSITY.min_normal_cosine)
+    found = fit(candidate, current.oriented_points, reference.likelihood_field)
     return polish(candidate, found, PARAMETERS.refinement)
 
 
 def alignment(reference, current):
-    return Alignment(current.sampled_points, reference.likelihood_field, DENSITY.min_normal_cosine, 1e-6)
+    return Alignment(current.sampled_points, reference.likelihood_field, 1e-6)
 
 
 def test_every_candidate_is_refined_to_the_motion():

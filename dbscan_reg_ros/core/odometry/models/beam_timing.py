@@ -228,10 +228,9 @@ def _is_same(some: list[BeamTiming], others: list[BeamTiming]) -> bool:
 def _residual(reference: _Timed, current: _Timed, p: Parameters) -> float:
     """Align two scans that begin at their poses; return the mean square [m^2] of the distances of points from lines."""
     lines, at, points, pose = reference.features, reference.pose, current.features, current.pose
-    alignment = Alignment(points.sampled_points, lines.likelihood_field, p.density.min_normal_cosine,
-                          p.refinement.damping)
+    alignment = Alignment(points.sampled_points, lines.likelihood_field, p.refinement.damping)
     aligned, _ = refine(np.array([(at.inverse() @ pose).as_tuple()]), alignment, _SCALES)
-    fitted = fit(aligned[0], alignment.points, alignment.field, alignment.min_normal_cosine)
+    fitted = fit(aligned[0], alignment.points, alignment.field)
     squared = np.where(fitted.alike, fitted.residuals[0] ** 2, np.inf)
     return float(np.minimum(squared, _OUTLIER ** 2).mean())
 

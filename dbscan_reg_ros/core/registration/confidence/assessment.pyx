@@ -33,7 +33,7 @@ cdef class Assessor:
     cdef Scene reference, current
     cdef Lines lines
     cdef Limits limits
-    cdef double noise, scale, tolerance, min_cosine
+    cdef double noise, scale, tolerance
     cdef bint scattered
     cdef Agreement agreement
 
@@ -42,8 +42,7 @@ cdef class Assessor:
         self.problem, self.reference, self.current = problem, Scene(reference), Scene(current)
         self.lines, self.limits = lines_of(reference.likelihood_field), limits_of(p.decision)
         self.noise, self.scale = max(reference.noise, current.noise), SCORE_SCALE
-        self.tolerance, self.min_cosine = VIOLATION_TOLERANCE, p.density.min_normal_cosine
-        self.scattered = current.scattered
+        self.tolerance, self.scattered = VIOLATION_TOLERANCE, current.scattered
 
     cdef Uncertainty examine(self, Motion *at, bint polishing, Findings *evidence) except *:
         """Write the evidence for a hypothesis and its log-odds, and return its uncertainty; polish it first."""
@@ -76,7 +75,7 @@ cdef class Assessor:
 
     cdef Fit fit(self, Motion *at, OrientedPoints points):
         """Return the `Fit` of points of the current scan at a hypothesis."""
-        return fit_at(at, points, self.lines, self.min_cosine)
+        return fit_at(at, points, self.lines)
 
 
 def assess(problem, Hypotheses found):
