@@ -76,10 +76,6 @@ class TranslationParameters(ParameterGroup):
         1, bounds=(1, 1000), case="the paper's MinPts of Eq. 15",
         help='MinPts of DBSCAN over translations. Larger values drop small clusters as noise; 1 keeps every '
              'translation.')
-    max_width: float = parameter(
-        0.15, unit='m', bounds=(0.0, 100.0), case='courses sparse, outages',
-        help='A translation cluster with a larger spread than this is clustered again with half the neighbourhood '
-             'radius. Larger values accept wider clusters; smaller values split more; 0 never clusters again.')
     shortest_rotations: int = parameter(
         2, bounds=(0, 1000), case='courses bursts, lidars',
         help='Number of rotations, those with the largest weight first, that also get a hypothesis with the shortest '

@@ -281,8 +281,9 @@ _FIXED: dict[str, object] = {
     'refinement.coarse_iterations': 3, 'refinement.fine_iterations': 2}
 """Parameters of earlier versions, without `ADVANCED`, that no sensor, robot or building needs -> their fixed value."""
 _GONE = {'calibrate_mountings': 'mountings are not changed while driving; set the values that the diagnostics and '
-                                'calibrate give'}
-"""Parameters of earlier versions -> why they are gone."""
+                                'calibrate give',
+         'translation.max_width': 'clusters of translations are never clustered again'}
+"""Parameters of earlier versions, without `ADVANCED` -> why they are gone."""
 _RENAMED = {'odometry.prior': 'prior.source'}
 """Parameters of earlier versions, without `ADVANCED` -> what they are now."""
 
@@ -293,8 +294,8 @@ def gone(name: str, names: Collection[str]) -> str:
     if name in _OF_PAPER:
         return (f'{name} belongs to the method of the paper, which has no parameters any more; run it with --method '
                 'paper (register, compare)')
-    if name in _GONE:
-        return f'{name} is gone: {_GONE[name]}'
+    if plain in _GONE:
+        return f'{name} is gone: {_GONE[plain]}'
     if plain in _FIXED:
         return f'{name} is no parameter any more: it is {_FIXED[plain]} for every sensor, robot and building'
     plain = _RENAMED.get(plain, plain)

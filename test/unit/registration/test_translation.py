@@ -63,7 +63,7 @@ def test_pairs_that_hardly_cross_give_no_sample(monkeypatch):
     reference = walls(((0.0, 2.0), (3.0, 2.0)), ((0.0, -2.0), (3.0 * math.cos(0.3), -2.0 + 3.0 * math.sin(0.3))))
     for crossing, count in ((math.sin(0.3) + 1e-6, 0), (math.sin(0.3) - 1e-6, 1)):
         monkeypatch.setattr(translation, 'MIN_CROSSING_SINE', crossing)
-        found = translations(reference, reference, TranslationParameters(end_weight=0.0, max_width=0.0), eps=0.05)
+        found = translations(reference, reference, TranslationParameters(end_weight=0.0), eps=0.05)
         assert len(found.samples) == count
 
 

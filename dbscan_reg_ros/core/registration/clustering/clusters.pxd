@@ -9,4 +9,4 @@ cdef enum:
 
 
 cdef Py_ssize_t[::1] cluster_translations(const double complex[::1] samples, const Py_ssize_t[::1] rotation, double eps,
-                                          Py_ssize_t min_samples, double max_width)
+                                          Py_ssize_t min_samples)

@@ -173,8 +173,7 @@ cdef TranslationClusters cluster_lines(SegmentViews reference, SegmentViews curr
     count = add_end_samples(reference, current, phi, lines, parameters.end_weight, count, translation, weight, group)
     found.lines = lines
     found.samples, found.sample_weight, found.rotation = translation[:count], weight[:count], group[:count]
-    found.labels = cluster_translations(found.samples, found.rotation, parameters.eps, parameters.min_samples,
-                                        parameters.max_width)
+    found.labels = cluster_translations(found.samples, found.rotation, parameters.eps, parameters.min_samples)
     rank_translations(found, phi)
     return found
 
@@ -184,19 +183,18 @@ cdef int rank_translations(TranslationClusters found, const double[::1] phi) exc
     cdef const double complex[::1] samples = found.samples
     cdef const double[::1] sample_weight = found.sample_weight
     cdef Py_ssize_t[::1] labels = found.labels
-    cdef Py_ssize_t size = samples.shape[0], clusters = 0, count = 0, k, at
+    cdef Py_ssize_t size = samples.shape[0], clusters = 0, k, at
     for k in range(size):
         clusters = max(clusters, labels[k] + 1)
     cdef double[:, ::1] total = np.zeros((5, clusters)), motion = np.empty((clusters, 3))
     cdef double[::1] weight = total[4]
-    cdef Py_ssize_t[:, ::1] work = np.zeros((4, clusters), np.intp)
-    cdef Py_ssize_t[::1] used = work[0], order = work[1], rank = work[3]
+    cdef Py_ssize_t[:, ::1] work = np.empty((3, clusters), np.intp)
+    cdef Py_ssize_t[::1] order = work[0], rank = work[1]
     with nogil:
         for k in range(size):
             at = labels[k]
             if at == NOISE:
                 continue
-            used[at] = 1
             # Negative: the heaviest come first.
             total[0, at] -= sample_weight[k]
             total[1, at] += sample_weight[k] * samples[k].real
@@ -205,15 +203,12 @@ cdef int rank_translations(TranslationClusters found, const double[::1] phi) exc
         sort_up_to_rounding(total[0], order, work[2])
         for k in range(clusters):
             at = order[k]
-            # Numbers of clusters that were clustered again are unused.
-            if used[at]:
-                weight[count], rank[at] = -total[0, at], count
-                motion[count, 0], motion[count, 1] = total[1, at] / weight[count], total[2, at] / weight[count]
-                motion[count, 2] = total[3, at]
-                count += 1
+            weight[k], rank[at] = -total[0, at], k
+            motion[k, 0], motion[k, 1] = total[1, at] / weight[k], total[2, at] / weight[k]
+            motion[k, 2] = total[3, at]
         for k in range(size):
             labels[k] = NOISE if labels[k] == NOISE else rank[labels[k]]
-    found.motion, found.weight = motion[:count], weight[:count]
+    found.motion, found.weight = motion, weight
     return 0
 
 
