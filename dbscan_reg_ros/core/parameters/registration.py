@@ -50,10 +50,6 @@ class RotationParameters(ParameterGroup):
         1, bounds=(1, 1000), case="the paper's MinPts of Eq. 9",
         help='MinPts of DBSCAN over angle differences. Larger values drop small clusters as noise; 1 keeps every '
              'difference.')
-    max_width: float = parameter(
-        0.1, unit='rad', bounds=(0.0, 6.4), case='courses sparse, outages',
-        help='A rotation cluster wider than this is clustered again with half the neighbourhood radius. Larger values '
-             'accept wider clusters; smaller values split more; 0 never clusters again.')
     max_hypotheses: int = parameter(
         5, bounds=(1, MAX_COUNT), case='symptom: processing is too slow',
         help='Number of rotation clusters that become hypotheses, those with the largest weight first. Larger values '

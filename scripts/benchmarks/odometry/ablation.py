@@ -23,8 +23,6 @@ from .drift import follow, judge, mean_of
 FEATURES = {
     'ring band filter': ({'advanced.filter.test': 'off'}, ('far_noise', 'lidars')),
     'noise by range': ({'advanced.scan.noise_ratio_max': 0.0}, ('far_noise',)),
-    'chains are clustered again': (
-        {'advanced.rotation.max_width': 0.0}, ('sparse', 'outages')),
     'end points': ({'advanced.translation.end_weight': 0.0}, ('sparse', 'bursts')),
     'shortest translations': ({'advanced.translation.shortest_rotations': 0}, ('bursts', 'lidars')),
     'free space': ({'advanced.density.violation_weight': 0.0}, ('sparse', 'outages')),
