@@ -150,14 +150,18 @@ class StandIn:
             self.steady += seconds / steps
             self.spin()
 
-    def spin(self):
-        """Execute what is ready, until nothing is; each takes a microsecond."""
-        while True:
-            self.steady += 1e-6
-            ready = next((each for each in (*self.subscriptions, *self.timers) if each.is_ready()), None)
-            if ready is None:
-                return
+    def step(self):
+        """Execute what is ready first, which takes a microsecond; return whether anything was."""
+        self.steady += 1e-6
+        ready = next((each for each in (*self.subscriptions, *self.timers) if each.is_ready()), None)
+        if ready:
             ready.execute()
+        return bool(ready)
+
+    def spin(self):
+        """Execute what is ready, until nothing is."""
+        while self.step():
+            pass
 
     # Entities
 

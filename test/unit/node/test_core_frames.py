@@ -97,6 +97,7 @@ def test_tf_is_subscribed_to_only_while_we_and_others_publish_it(start_core, sca
     robot.node.others.clear()
     robot.node.wait(1.0)
     assert not listens(robot)
+    assert [each.topic_name for each in robot.node.subscriptions].count('/tf_static') == 1
 
 
 def test_tf_is_not_subscribed_to_if_no_transform_is_sent_or_read(start_core, tf_type):

@@ -120,6 +120,7 @@ def test_a_lidar_that_begins_later_on_the_same_topic_joins_without_a_jump(start_
     assert robot.log.count('/scan:rear: another lidar on this topic: each frame is a lidar of its own (front, '
                            'rear)') == 1
     assert "/scan:rear: scan skipped: no transform from 'base_link' to 'rear'" in robot.log
+    assert robot.diagnosis().message.startswith("tracking; /scan:rear: no transform from 'base_link' to 'rear'")
     robot.receive('/tf_static', static(tf_type))
     send(robot, (s for s in scans if known <= s.stamp < silent), topic='/scan')
     for scan in (s for s in scans if silent <= s.stamp < end and s.frame_id == 'rear'):

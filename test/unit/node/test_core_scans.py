@@ -48,6 +48,28 @@ def test_all_scans_of_a_burst_are_used(start_core, scans, truth):
     assert distances(robot.sent('/odom'), truth[:75]).max() < 0.1
 
 
+def test_of_scans_that_come_too_fast_the_newest_win_and_the_others_are_counted(start_core, scans):
+    """Their stamps are 0.1 ms apart, they come each 10 ms, and each fourth time one callback is executed."""
+    robot = start_core()
+    fast = restamped(scans, scans[0].stamp + 100_000 * np.arange(len(scans)))
+    for k, scan in enumerate(fast):
+        robot.node.deliver('/scan', scan_to_message(scan))
+        robot.node.steady += 0.01
+        if k % 4 == 0:
+            robot.node.step()
+    robot.node.spin()
+    found = stamps(robot.sent('/odom'))
+    assert found == sorted(found) and found[-1] == fast[-1].stamp
+    status = robot.diagnosis()
+    dropped = 80 - len(found)
+    assert dropped > 20
+    assert [values(status)[f'scans {kind}'] for kind in ('received', 'processed', 'dropped')] == [
+        '80', str(len(found)), str(dropped)]
+    assert f'too slow: {dropped} scans dropped' in status.message and status.level == status.WARN
+    assert robot.log.count(f'too slow: {dropped} scans dropped') == 1
+    assert 'too slow' not in robot.diagnosis().message
+
+
 def lost(scans, moment, rng):
     return list(itertools.compress(scans, (rng.random(len(scans)) < 0.5) | (np.arange(len(scans)) < moment)))
 
