@@ -16,13 +16,14 @@ def test_wheels_and_gyroscope_are_used(start_node, player, peer, scans, truth, t
                 for word in ('-p', f'qos_overrides./{topic}.subscription.reliability:=reliable')]
     start_node('-p', 'prior.source:=odometry+imu', '-p', f'advanced.snapshot.folder:={tmp_path}', *reliable)
     player.wait_for_node(TIMEOUT)
-    wheels, imu = Loudspeaker(peer, Odometry, 'wheel_odom'), Loudspeaker(peer, Imu, 'imu')
+    driven, turned = [], []
     for scan, pose in zip(scans[:20], truth, strict=False):
-        driven, turned = Odometry(), Imu()
-        driven.header.stamp = turned.header.stamp = stamp_to_message(scan.stamp)
-        driven.pose.pose = pose_to_message(pose)
-        wheels.tell(driven)
-        imu.tell(turned)
+        driven.append(Odometry())
+        turned.append(Imu())
+        driven[-1].header.stamp = turned[-1].header.stamp = stamp_to_message(scan.stamp)
+        driven[-1].pose.pose = pose_to_message(pose)
+    Loudspeaker(peer, Odometry, 'wheel_odom').tell(*driven)
+    Loudspeaker(peer, Imu, 'imu').tell(*turned)
     assert player.play(scans[:20]).lost == 0
     answer = peer.call(Trigger, '/scan_matcher/snapshot', Trigger.Request())
     assert answer.success and answer.message.startswith(str(tmp_path))
