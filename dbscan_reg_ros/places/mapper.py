@@ -17,7 +17,7 @@ from ..core.scan import SECOND
 from ..recordings.poses import compose
 from .localizer import LOST, Localization, Localizer, State, motion_covariance
 from .map import Map, View, difference
-from .pose_graph import Constraints, PoseGraph, optimise
+from .pose_graph import Constraints, PoseGraph, optimise, relative_covariance
 
 AWAY = 10.0
 """Two scans close a loop only if the sensor has driven at least this distance [m] between them."""
@@ -30,9 +30,13 @@ TRIED = 3
 LEAST_POINTS = 3.0
 """Number of effective points that have to constrain the translation of a loop in every direction: of fewer, residuals
 do not show how large their errors are, and no prediction limits them."""
+EVENED = 3.0
+"""The odometry aligns a key frame with many older ones at once, so that its error moves those after it by a fraction
+only: one over this number, as far as the scan constrains the pose. If errors were independent, the number would be the
+mean age of what a key frame is aligned with, 7 to 15 key frames; but real scans repeat some of them."""
 STEP_SPREAD, LOOP_SPREAD = np.array((0.003, 0.003, 0.0012)), np.array((0.005, 0.005, 0.002))
-"""Standard deviations [m, m, rad] added to the covariance of a motion from one key frame to the next, whose errors the
-odometry evens out over several scans, and to that of a loop."""
+"""Standard deviations [m, m, rad] added to the covariance that is published of a motion from one key frame to the next,
+in which no error is evened out, and to that of a loop."""
 GROWTH = 1.1
 """If every key frame is kept, the poses are optimised each time that there are so many times more of them: all of it
 together takes about ten times as long as the last time."""
@@ -102,6 +106,8 @@ class Mapper:
         # The latest key frame of the odometry, and where it is in the map.
         self._key: OdometryUpdate | None = None
         self._relation, self._gap = Relation(0, SE2(), np.zeros((DOF, DOF))), False
+        # The same with the covariance that is published.
+        self._published = self._relation
         # That of the robot and that of each key frame; all of track 0 are in one map.
         self._track, self._tracks = 0, list[int]()
         # Whether there are constraints that the poses do not follow from, and the number of key frames when they did.
@@ -184,25 +190,29 @@ class Mapper:
             if update.starts_track:
                 self._track, self._localizer, self._found = max(self._tracks) + 1, None, None
             step = self._key.scan_pose.inverse() @ update.scan_pose
-            self._relation = self._relation.then(step, self._step_covariance(self._key, update))
+            drift, most = self._step_covariances(self._key, update)
+            self._relation, self._published = self._relation.then(step, drift), self._published.then(step, most)
             self._locate(update)
         self._key, self._gap = update, False
         self._seen[self._relation.frame] = self._way
 
-    def _step_covariance(self, before: OdometryUpdate, update: OdometryUpdate) -> NDArray[np.float64]:
-        """Return the covariance (3, 3) of the motion since the key frame before, in the frame of this one.
+    def _step_covariances(self, before: OdometryUpdate, update: OdometryUpdate
+                          ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the covariances (3, 3) of the motion since the key frame before, in the frame of this one.
 
-        The motion model limits what the registration leaves open, as along a corridor.
+        The motion model limits what the registration leaves open, as along a corridor. By the first covariance the
+        error of a scan moves the map that later ones are aligned with, by the second it adds to those of later scans.
         """
         if update.starts_track:
-            return LOST
-        spread = np.diag(GAP_SPREAD if self._gap else STEP_SPREAD) ** 2
+            return LOST, LOST
+        gap, spread = np.diag(GAP_SPREAD) ** 2 * self._gap, np.diag(STEP_SPREAD) ** 2
         if update.registration is None:
-            return spread
+            return spread + gap, spread + gap
         measured = update.registration.covariance
         modelled = displacement_covariance((update.stamp - before.stamp) / SECOND, self._parameters)
-        found: NDArray[np.float64] = measured @ np.linalg.solve(measured + modelled, modelled) + spread
-        return found
+        share = modelled @ np.linalg.inv(measured + modelled)
+        found, back = share @ measured, np.linalg.inv(np.eye(DOF) + (EVENED - 1.0) * share)
+        return back @ found @ back.T + gap, found + spread + gap
 
     def _locate(self, update: OdometryUpdate) -> None:
         """Find the latest key frame among those of the map, or add it."""
@@ -216,13 +226,15 @@ class Mapper:
         is_new = shows_new or self._every
         if is_new:
             number = len(self._views)
-            self._insert(update, self._in_map(chain), self._covariance_of(chain))
+            self._insert(update, self._in_map(chain), self._covariance_of(self._published))
             self._shows_new.append(shows_new)
             self._constrain(chain.frame, number, chain.motion, chain.covariance)
-            self._relation = Relation(number, SE2(), np.zeros((DOF, DOF)))
+            self._relation = self._published = Relation(number, SE2(), np.zeros((DOF, DOF)))
             if known:
                 self._constrain(known.frame, number, known.motion, known.covariance)
         elif known:
+            by_chain = self._between(known.frame, chain.frame).then(chain.motion, chain.covariance)
+            self._relation, self._published = mean_motion(by_chain, known), known
             turn = known.motion.adjoint()
             self._constrain(chain.frame, known.frame, chain.motion @ known.motion.inverse(),
                             turn @ (chain.covariance + known.covariance) @ turn.T)
@@ -230,10 +242,6 @@ class Mapper:
             self._unsettled = True
             if not self._every or len(self._views) >= GROWTH * self._settled:
                 self._settle()
-        if known and not is_new:
-            # The errors of both depend on each other.
-            by_chain = chain._replace(frame=known.frame, motion=self._in_frame(known.frame, chain))
-            self._relation = known._replace(motion=mean_motion(by_chain, known).motion)
 
     def _again(self, update: OdometryUpdate) -> Relation | None:
         """Return the relation of a key frame to one of the map that was seen long before; None if there is none."""
@@ -315,9 +323,11 @@ class Mapper:
         """Return the pose of the sensor of a relation in the map."""
         return SE2.from_array(self._poses[relation.frame]) @ relation.motion
 
-    def _in_frame(self, frame: int, relation: Relation) -> SE2:
-        """Return the pose of the sensor of a relation in a key frame."""
-        return SE2.from_array(self._poses[frame]).inverse() @ self._in_map(relation)
+    def _between(self, first: int, second: int) -> Relation:
+        """Return the relation of one key frame to another, by all constraints."""
+        covariance = relative_covariance(PoseGraph(self._poses, self._all_constraints()), first, second)
+        motion = SE2.from_array(self._poses[first]).inverse() @ SE2.from_array(self._poses[second])
+        return Relation(first, motion, covariance)
 
     def _covariance_of(self, relation: Relation) -> NDArray[np.float64]:
         """Return the covariance of the pose of the sensor of a relation, for (x, y, theta) in the map."""
@@ -337,8 +347,8 @@ class Mapper:
         pose, covariance = transform @ update.pose, LOST
         if not self._track:
             since = motion_covariance(self._key.pose, self._key.covariance, update)
-            covariance = self._covariance_of(self._relation.then(self._key.scan_pose.inverse() @ update.pose,
-                                                                 turned(since, -update.pose.theta)))
+            covariance = self._covariance_of(self._published.then(self._key.scan_pose.inverse() @ update.pose,
+                                                                  turned(since, -update.pose.theta)))
         state = State.SEARCHING if self._track else State.LOCALISED
         return Localization(state, transform, pose, covariance, [(pose, 1.0)], 0.0)
 

@@ -13,6 +13,8 @@ ROBUST = 3.0
 """Scale of the robust kernel, in standard deviations of a residual."""
 ROUNDS, CONVERGED = 100, 1e-6
 """Largest number of Gauss-Newton iterations, and the step [m, rad] below which the iterations end."""
+ORDERING = 'MMD_AT_PLUS_A'
+"""In which order the unknowns are eliminated: symmetric matrices fill up least."""
 HALVINGS = 10
 """Largest number of times that a step is halved until it lowers the sum of the errors."""
 
@@ -41,8 +43,10 @@ class Constraints(NamedTuple):
 
     def covariances_in_first(self) -> NDArray[np.float64]:
         """``(E, 3, 3)``: the covariances of the components of `motions`, in the frame of the first pose."""
-        return np.array([turned(covariance, theta) for covariance, theta
-                         in zip(self.covariances, self.motions[:, 2], strict=True)]).reshape(-1, 3, 3)
+        c, s = np.cos(self.motions[:, 2]), np.sin(self.motions[:, 2])
+        zero, one = np.zeros(len(c)), np.ones(len(c))
+        turn = np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]]).transpose(2, 0, 1)
+        return turn @ self.covariances @ turn.transpose(0, 2, 1)
 
 
 class PoseGraph(NamedTuple):
@@ -65,26 +69,14 @@ def optimise(poses, constraints: Constraints):
     -------
     (K, 3) array
     """
-    from scipy.sparse import coo_matrix, diags
     from scipy.sparse.linalg import spsolve
 
-    pairs, poses = constraints.pairs, poses.copy()
-    root = np.linalg.inv(np.linalg.cholesky(constraints.covariances_in_first()))
-    index = (3 * pairs[:, :, None] + np.arange(3)).reshape(-1, 6)
-    entries = np.repeat(index, 6, axis=1).ravel(), np.tile(index, 6).ravel()
-    held = diags(np.concatenate(([1e9] * 3, [1e-9] * (3 * len(poses) - 3))), format='csc')
+    poses = poses.copy()
+    root = _root(constraints)
     now, error, cost = _errors(poses, constraints, root)
     for _ in range(ROUNDS):
-        weight = 1.0 / np.sqrt(1.0 + (error ** 2).sum(axis=1, keepdims=True) / ROBUST ** 2)
-        c, s = np.cos(poses[pairs[:, 0], 2]), np.sin(poses[pairs[:, 0], 2])
-        zero, one = np.zeros(len(pairs)), np.ones(len(pairs))
-        jacobian = np.array([[-c, -s, now[:, 1], c, s, zero], [s, -c, -now[:, 0], -s, c, zero],
-                             [zero, zero, -one, zero, zero, one]]).transpose(2, 0, 1)
-        jacobian = weight[:, :, None] * (root @ jacobian)
-        transposed = jacobian.transpose(0, 2, 1)
-        gradient = np.bincount(index.ravel(), (transposed @ (weight * error)[:, :, None]).ravel(), 3 * len(poses))
-        normal = coo_matrix(((transposed @ jacobian).ravel(), entries), held.shape).tocsc() + held
-        step = -spsolve(normal, gradient, 'MMD_AT_PLUS_A').reshape(-1, 3)
+        normal, gradient = _equations(poses, constraints.pairs, root, now, error)
+        step = -spsolve(normal, gradient, ORDERING).reshape(-1, 3)
         if np.abs(step).max() < CONVERGED:
             poses += step
             break
@@ -99,6 +91,58 @@ def optimise(poses, constraints: Constraints):
         poses += step
     poses[:, 2] = wrap(poses[:, 2])
     return poses
+
+
+def relative_covariance(graph: PoseGraph, first: int, second: int):
+    """Return the covariance (3, 3) of the pose `second` in that of the `first`, in the frame of the second.
+
+    It is that of all constraints together, the marginal covariance, at the poses of the graph.
+    """
+    from scipy.sparse.linalg import splu
+
+    poses, constraints = graph
+    if first == second:
+        return np.zeros((3, 3))
+    root, pair = _root(constraints), np.array([[first, second]])
+    now, error, _ = _errors(poses, constraints, root)
+    normal, _ = _equations(poses, constraints.pairs, root, now, error)
+    motion = relative(poses[[first]], poses[[second]])
+    change = np.zeros((3, 3 * len(poses)))
+    change[:, _index(pair)[0]] = _jacobian(poses, pair, motion)[0]
+    found = change @ splu(normal, ORDERING).solve(change.T)
+    return turned(0.5 * (found + found.T), -motion[0, 2])
+
+
+def _root(constraints):
+    """Return roots (E, 3, 3) of the information of the `constraints`."""
+    return np.linalg.inv(np.linalg.cholesky(constraints.covariances_in_first()))
+
+
+def _index(pairs):
+    """Return the unknowns (E, 6) of the two poses of each of the `pairs` (E, 2)."""
+    return (3 * pairs[:, :, None] + np.arange(3)).reshape(-1, 6)
+
+
+def _jacobian(poses, pairs, motions):
+    """Return the derivatives (E, 3, 6) of the `motions` (E, 3) between `pairs` by the coordinates of both poses."""
+    c, s = np.cos(poses[pairs[:, 0], 2]), np.sin(poses[pairs[:, 0], 2])
+    zero, one = np.zeros(len(pairs)), np.ones(len(pairs))
+    return np.array([[-c, -s, motions[:, 1], c, s, zero], [s, -c, -motions[:, 0], -s, c, zero],
+                     [zero, zero, -one, zero, zero, one]]).transpose(2, 0, 1)
+
+
+def _equations(poses, pairs, root, motions, error):
+    """Return the normal equations of a graph: a sparse matrix and the gradient; both are robust."""
+    from scipy.sparse import coo_matrix, diags
+
+    index = _index(pairs)
+    entries = np.repeat(index, 6, axis=1).ravel(), np.tile(index, 6).ravel()
+    weight = 1.0 / np.sqrt(1.0 + (error ** 2).sum(axis=1, keepdims=True) / ROBUST ** 2)
+    jacobian = weight[:, :, None] * (root @ _jacobian(poses, pairs, motions))
+    transposed = jacobian.transpose(0, 2, 1)
+    gradient = np.bincount(index.ravel(), (transposed @ (weight * error)[:, :, None]).ravel(), 3 * len(poses))
+    held = diags(np.concatenate(([1e9] * 3, [1e-9] * (3 * len(poses) - 3))), format='csc')
+    return coo_matrix(((transposed @ jacobian).ravel(), entries), held.shape).tocsc() + held, gradient
 
 
 def _errors(poses, constraints, root):

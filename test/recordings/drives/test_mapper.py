@@ -10,11 +10,12 @@ from rooms import outline
 
 from dbscan_reg_ros import SE2, Odometry, Parameters
 from dbscan_reg_ros.core.geometry.se2 import wrap
+from dbscan_reg_ros.evaluation.metrics import absolute_error
 from dbscan_reg_ros.places.localizer import State
 from dbscan_reg_ros.places.mapper import Mapper
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.replays.loops import Loops
-from dbscan_reg_ros.simulation import Lidar, World, corridor, follow, rooms, simulate
+from dbscan_reg_ros.simulation import Lidar, World, corridor, follow, hall, rooms, simulate
 
 DRIFT = math.radians(0.01)
 """Error [rad] of the heading that each scan adds."""
@@ -92,6 +93,17 @@ def test_loops_are_closed_with_key_frames_that_look_the_same_way():
     off = relative(relative(*truth[pairs.T]), np.array([loop.motion.as_array() for loop in loops.found]))
     assert len(pairs) > 250
     assert np.hypot(*off[:, :2].T).max() < 0.06 and np.degrees(np.abs(off[:, 2])).max() < 1.0
+
+
+@pytest.mark.parametrize('world', [rooms(seed=22), hall(seed=22)], ids=['rooms', 'hall'])
+def test_poses_as_published_with_loops_are_better_than_those_of_the_odometry(world):
+    """Where the odometry hardly drifts, and its errors are as large as those of loops."""
+    truth, scans = there_and_back(world, 22)
+    odometry, mapper = Odometry(Parameters()), Mapper()
+    updates = [odometry.process(scan) for scan in scans]
+    published = np.array([mapper.process(update).pose.as_array() for update in updates])
+    alone = np.array([update.pose.as_array() for update in updates])
+    assert absolute_error(published, truth) < 0.9 * absolute_error(alone, truth)
 
 
 @pytest.mark.parametrize('seed', [20, 21])

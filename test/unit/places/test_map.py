@@ -13,8 +13,8 @@ from scipy.optimize import least_squares
 from dbscan_reg_ros import SE2, Odometry, Parameters
 from dbscan_reg_ros.core.geometry.se2 import wrap
 from dbscan_reg_ros.places.map import COMMON, SPACING, Map, MapError
-from dbscan_reg_ros.places.mapper import Mapper
-from dbscan_reg_ros.places.pose_graph import PoseGraph, optimise, write_g2o
+from dbscan_reg_ros.places.mapper import Mapper, Relation, mean_motion
+from dbscan_reg_ros.places.pose_graph import Constraints, PoseGraph, optimise, relative_covariance, write_g2o
 from dbscan_reg_ros.recordings.poses import relative
 from dbscan_reg_ros.simulation import Lidar, follow, hall, simulate
 
@@ -160,5 +160,24 @@ def test_another_solver_finds_the_same_poses_in_the_g2o_file(half_turn, tmp_path
         return np.concatenate(found)
 
     best = least_squares(residuals, vertices[1:].ravel(), loss='linear', x_scale='jac').x.reshape(-1, 3)
-    unweighted = few._replace(covariances=few.covariances * 1e4)  # far within the robust kernel
+    unweighted = few._replace(covariances=few.covariances * 1e6)  # far within the robust kernel
     assert optimise(poses[:12], unweighted)[1:] == pytest.approx(best, abs=1e-5)
+
+
+def test_the_covariance_between_two_poses_is_that_of_all_ways_between_them():
+    """Directly, over a third pose, and not by way of a fourth, which hangs on one constraint."""
+    steps = SE2(1.0, 0.3, 0.4), SE2(0.5, -0.8, 1.1), SE2(0.2, 0.0, -0.5)
+    poses = [SE2(0.3, 0.1, 2.0)]
+    for step in steps:
+        poses.append(poses[-1] @ step)
+    root = np.random.default_rng(1).normal(0.0, 0.02, (4, 3, 3))
+    covariances = root @ root.transpose(0, 2, 1) + 1e-5 * np.eye(3)
+    pairs = np.array([(0, 1), (1, 2), (2, 3), (0, 2)])
+    motions = [(poses[first].inverse() @ poses[second]).as_array() for first, second in pairs]
+    graph = PoseGraph(np.array([pose.as_array() for pose in poses]), Constraints(pairs, np.array(motions), covariances))
+    over = Relation(0, steps[0], covariances[0]).then(steps[1], covariances[1])
+    expected = mean_motion(over, Relation(0, over.motion, covariances[3])).covariance
+    assert relative_covariance(graph, 0, 2) == pytest.approx(expected, rel=1e-3, abs=1e-9)
+    back = over.motion.adjoint()
+    assert relative_covariance(graph, 2, 0) == pytest.approx(back @ expected @ back.T, rel=1e-3, abs=1e-9)
+    assert not relative_covariance(graph, 1, 1).any()
