@@ -255,7 +255,7 @@ class _FoundScan:
             Whether the scan became a key frame. It becomes the latest key frame only if it is due.
         """
         state, match, p = self._state, self._match, self._parameters
-        registration = self._registration
+        registration, direction = self._registration, match.degenerate_direction
         due = is_due(match, aligned, registration.overlap, state.key_frames, self._sensor.name, p)
         added = due or completes_map(match, aligned, p)
         constrained = aligned.constrained >= _MIN_CONSTRAINED and not registration.rotation_unobservable
@@ -268,9 +268,9 @@ class _FoundScan:
             self._correct_heading()
         if due:
             state.covariance.start_key_frame()
-        elif added:
+        elif added and direction is not None:
             # Only this frame constrains the direction in which it completes the map, with the error of its pose.
-            state.covariance.start_key_frame(match.degenerate_direction - state.pose.theta)
+            state.covariance.start_key_frame(direction - state.pose.theta)
         return added
 
     def _correct_heading(self) -> None:
