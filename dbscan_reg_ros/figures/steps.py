@@ -85,7 +85,7 @@ class Steps:
         """Return the steps, as `of`, from those that process each scan."""
         p = parameters
         lines = earlier.features.segments, later.features.segments
-        weights = pair_weights(*lines)
+        weights = pair_weights(*lines, p.rotation)
         rotations = estimate_rotations(*lines, weights, p.rotation)
         translations = estimate_translations(*lines, rotations, weights, p.translation)
         return cls(earlier, later, rotations, translations,

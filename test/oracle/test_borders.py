@@ -98,7 +98,7 @@ def test_samples_at_one_place_by_eights_and_far_apart(size, min_samples):
 def test_few_segments_have_few_hypotheses(ours, theirs, seed):
     rng = np.random.default_rng(seed)
     lines = segments(rng, ours), segments(rng, theirs)
-    weights = pair_weights(*lines)
+    weights = pair_weights(*lines, P.rotation)
     rotations = estimate_rotations(*lines, weights, P.rotation)
     motions = estimate_translations(*lines, rotations, weights, P.translation).transform
     assert weights.shape == (ours, theirs) and motions.shape == (len(motions), 3) and np.isfinite(motions).all()

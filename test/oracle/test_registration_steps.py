@@ -80,10 +80,11 @@ def mean_angle(angles, weights):
 @pytest.mark.parametrize('parallel', [False, True])
 def test_hypotheses_are_the_weighted_means_of_the_clusters_of_scikit_learn(rng, min_samples, parallel):
     ours, theirs = segments(rng, 12, parallel), segments(rng, 9, parallel)
-    weights = pair_weights(ours, theirs)
+    weights = pair_weights(ours, theirs, P.rotation)
     found = estimate_rotations(ours, theirs, weights, P.replace({
         'advanced.rotation.min_samples': min_samples, 'advanced.rotation.eps': 0.02,
-        'advanced.rotation.max_hypotheses': 100}).rotation)
+        'advanced.rotation.max_hypotheses': 100,
+        'advanced.rotation.max_width': 0.0}).rotation)
     apart = np.abs(wrap(found.difference.ravel()[:, None] - found.difference.ravel()))
     expected = DBSCAN(eps=0.02, min_samples=min_samples, metric='precomputed').fit_predict(apart)
     labels = found.labels.ravel()
@@ -153,7 +154,7 @@ def test_near_motions_are_those_of_all_clusters_that_lie_within_the_gate(sigma):
     prior = Prior(SE2(0.3, 0.1, 0.4), np.diag((sigma, 0.5 * sigma, 0.2 * sigma)) ** 2)
     problem = Problem(reference, current, P)
     lines = reference.segments, current.segments
-    weights = pair_weights(*lines)
+    weights = pair_weights(*lines, P.rotation)
     rotations = estimate_rotations(*lines, weights, P.rotation)
     motions = estimate_translations(*lines, rotations, weights, P.translation).transform
     apart, turned = np.hypot(*(motions[:, :2] - (0.3, 0.1)).T), np.abs(wrap(motions[:, 2] - 0.4))

@@ -80,7 +80,7 @@ def check_pictures(folder):
 
 def test_a_pair_of_a_recording_in_numbers_and_pictures(intel, pair, tmp_path, capsys):
     (tmp_path / 'rivals.yaml').write_text(
-        '/**: {ros__parameters: {advanced.selection.min_support_ratio: 0.0}}')
+        '/**: {ros__parameters: {advanced.selection.min_support_ratio: 0.0, advanced.selection.max_score_gap: 2.0}}')
     assert intel(REFERENCE, CURRENT, '-v', '--params-file', tmp_path / 'rivals.yaml') == 0
     text = capsys.readouterr().out
     result = register(*map(extract_features, pair), read_parameters(tmp_path / 'rivals.yaml'))
@@ -166,7 +166,9 @@ def test_the_last_scan_of_a_snapshot_as_the_node_registered_it(snapshot, updates
 
 
 def test_a_scan_of_a_snapshot_with_other_parameters_is_registered_again(snapshot, updates, tmp_path, capsys):
-    (tmp_path / 'a.yaml').write_text('/**: {ros__parameters: {advanced.selection.min_support_ratio: 0.0}}')
+    (tmp_path
+     / 'a.yaml').write_text('/**: {ros__parameters: {advanced.selection.top_candidates: 3, '
+                            'advanced.selection.min_support_ratio: 0.0, advanced.selection.max_score_gap: 2.0}}')
     assert main([str(snapshot), '2', '--params-file', str(tmp_path / 'a.yaml'), '--no-figures']) == 0
     text, update = capsys.readouterr().out, updates[2]
     again = register(update.reference, update.features, read_parameters(tmp_path / 'a.yaml'))
@@ -177,8 +179,7 @@ def test_a_scan_of_a_snapshot_with_other_parameters_is_registered_again(snapshot
 def test_what_does_not_count_for_a_pair_is_named_and_changes_nothing(pair, intel, tmp_path, capsys):
     reference, current = map(extract_features, pair)
     own = Parameters()
-    drive = [each for each in Parameters.describe()
-             if each.name.removeprefix(ADVANCED).startswith(OF_A_DRIVE) and each.name != 'prior.source']
+    drive = [each for each in Parameters.describe() if each.name.removeprefix(ADVANCED).startswith(OF_A_DRIVE)]
     others = own.replace({each.name: next(c for c in each.choices if c != each.default) if each.choices
                           else not each.default if each.type is bool else each.maximum for each in drive})
     found = register(reference, current, others)

@@ -60,7 +60,7 @@ def trials_of(folder):
 
 @pytest.mark.parametrize(('text', 'axis'), [
     ('advanced.refinement.map_scale', Axis('advanced.refinement.map_scale', float, 0.2, 5.0)),
-    ('advanced.selection.max_clusters=2:9', Axis('advanced.selection.max_clusters', int, 2, 9)),
+    ('advanced.selection.top_candidates=2:9', Axis('advanced.selection.top_candidates', int, 2, 9)),
     ('odometry.deskew', Axis('odometry.deskew', bool, choices=(False, True))),
 ])
 def test_an_axis_spans_a_fifth_to_five_times_the_default_or_what_is_given(text, axis):

@@ -50,6 +50,10 @@ class RotationParameters(ParameterGroup):
         1, bounds=(1, 1000), case="the paper's MinPts of Eq. 9",
         help='MinPts of DBSCAN over angle differences. Larger values drop small clusters as noise; 1 keeps every '
              'difference.')
+    max_width: float = parameter(
+        0.1, unit='rad', bounds=(0.0, 6.4), case='courses sparse, outages',
+        help='A rotation cluster wider than this is clustered again with half the neighbourhood radius. Larger values '
+             'accept wider clusters; smaller values split more; 0 never clusters again.')
     max_hypotheses: int = parameter(
         5, bounds=(1, MAX_COUNT), case='symptom: processing is too slow',
         help='Number of rotation clusters that become hypotheses, those with the largest weight first. Larger values '
@@ -130,6 +134,16 @@ class SelectionParameters(ParameterGroup):
         24, bounds=(0, 50), case='course outages',
         help='Number of small objects, the nearest first, whose pairs give further hypotheses in the wide search. '
              'Larger values help among trees and poles and take longer; 0 uses none.')
+    top_candidates: int = parameter(
+        2, bounds=(1, 1000), case='courses sparse, bursts',
+        help='Number of distinct hypotheses that are compared in the fine refinement. The best hypothesis and up to '
+             'seven rivals are compared there in any case. Larger values also compare similar hypotheses and take '
+             'longer; smaller values are faster.')
+    max_score_gap: float = parameter(
+        0.8, bounds=(0.0, 2.0), case='symptom: processing is too slow',
+        help='Hypotheses are dropped before the fine refinement if their coarse score, reduced for points in free '
+             'space, is lower than the best such score by more than this. Larger values compare more hypotheses; '
+             'smaller values are faster.')
 
 
 @dataclass(frozen=True)

@@ -282,10 +282,7 @@ _FIXED: dict[str, object] = {
 """Parameters of earlier versions, without `ADVANCED`, that no sensor, robot or building needs -> their fixed value."""
 _GONE = {'calibrate_mountings': 'mountings are not changed while driving; set the values that the diagnostics and '
                                 'calibrate give',
-         'selection.top_candidates': 'the best hypothesis and up to seven rivals are compared',
-         'selection.max_score_gap': 'the best hypothesis and up to seven rivals are compared',
-         'rotation.max_width': 'no cluster is clustered again',
-         'translation.max_width': 'no cluster is clustered again'}
+         'translation.max_width': 'clusters of translations are never clustered again'}
 """Parameters of earlier versions, without `ADVANCED` -> why they are gone."""
 _RENAMED = {'odometry.prior': 'prior.source'}
 """Parameters of earlier versions, without `ADVANCED` -> what they are now."""

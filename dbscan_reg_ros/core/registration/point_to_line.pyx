@@ -41,7 +41,7 @@ cdef class Hypotheses:
             memcpy(block, self.rows, self.size * sizeof(Hypothesis))
         free(self.block)
         self.block, self.rows, self.spare, self.most = block, block, block + most, most
-        self.number, self.index = np.empty((2, most)), np.empty((2, most), np.intp)
+        self.number, self.index = np.empty((2, most)), np.empty((3, most), np.intp)
         return 0
 
     cdef int add(self, const double[:, :] motions) except -1:

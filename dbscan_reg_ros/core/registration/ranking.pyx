@@ -175,9 +175,9 @@ cdef int sort_by_score(Search search, Hypotheses found) except -1 nogil:
 
 
 cdef int rank_finely(Search search, Hypotheses found) except -1:
-    """Refine the best and its rivals with a kernel that narrows to `FINAL_SCALE`, and compare them both ways."""
+    """Refine the top candidates with a kernel that narrows to `FINAL_SCALE`, and compare them both ways."""
     cdef Hypothesis best
-    keep_rivals(search, found)
+    keep_top_candidates(search, found)
     best = found.rows[0]
     add_shifted(search, found)
     if found.size > 1:
@@ -190,23 +190,35 @@ cdef int rank_finely(Search search, Hypotheses found) except -1:
     return 0
 
 
-cdef int keep_rivals(Search search, Hypotheses found) except -1:
-    """Keep the hypotheses that are compared finely, most plausible first: different motions, at most 1 + `RIVALS`.
-
-    Where all are the same motion, the best is kept.
-    """
-    cdef Py_ssize_t[::1] index = found.index[0]
+cdef int keep_top_candidates(Search search, Hypotheses found) except -1:
+    """Keep the hypotheses that are compared finely, most plausible first: the best, and rivals of it."""
+    p = search.problem.parameters
+    s = p.selection
+    cdef Py_ssize_t[::1] index = found.index[0], flag = found.index[2]
     cdef double[::1] value = found.number[0], least = found.number[1, :found.size]
-    cdef Py_ssize_t h
-    if choose_distinct(found, 2, SAME_DISTANCE, SAME_ANGLE, index) == 1:
+    cdef Py_ssize_t h, count
+    cdef double gap = s.max_score_gap
+    if choose_distinct(found, 2, SAME_DISTANCE, SAME_ANGLE, flag, index) == 1:
+        index[0] = 0
         return found.select(index, 1)
     write_reverse_conflicts(search, found, value)
     for h in range(found.size):
         # Negative: the most plausible come first.
         least[h] = -(found.rows[h].score - sqrt(found.rows[h].conflict) - sqrt(value[h]))
     sort_up_to_rounding(least, index, found.index[1])
-    found.select(index, found.size)
-    return found.select(index, choose_distinct(found, 1 + RIVALS, RIVAL_DISTANCE, RIVAL_ANGLE, index))
+    count = 0
+    while count < found.size and least[index[count]] <= least[index[0]] + gap:
+        count += 1
+    found.select(index, count)
+    flag[:] = False
+    choose_distinct(found, s.top_candidates, SAME_DISTANCE, SAME_ANGLE, flag, index)
+    choose_distinct(found, 1 + RIVALS, RIVAL_DISTANCE, RIVAL_ANGLE, flag, index)
+    count = 0
+    for h in range(found.size):
+        if flag[h]:
+            index[count] = h
+            count += 1
+    return found.select(index, count)
 
 
 cdef int add_shifted(Search search, Hypotheses found) except -1:

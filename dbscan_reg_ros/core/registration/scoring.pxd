@@ -61,5 +61,5 @@ cdef class Comparison:
 cdef int write_scores(Comparison comparison, Hypotheses found) except -1 nogil
 cdef int write_reverse_conflicts(Comparison comparison, Hypotheses found, double[::1] fraction) except -1
 cdef Py_ssize_t choose_distinct(Hypotheses found, Py_ssize_t most, double most_apart, double angle,
-                                Py_ssize_t[::1] chosen) except -1
+                                Py_ssize_t[::1] flag, Py_ssize_t[::1] chosen) except -1
 cdef search_along(Comparison comparison, candidates, const double[::1] angles)

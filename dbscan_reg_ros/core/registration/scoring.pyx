@@ -192,15 +192,15 @@ def distinct(candidates, Py_ssize_t count, double distance, double angle):
     Two hypotheses differ if they are more than `distance` [m] or more than `angle` [rad] apart.
     """
     cdef Hypotheses found = Hypotheses(candidates)
-    count = choose_distinct(found, count, distance, angle, found.index[0])
-    return np.asarray(found.index[0, :count]).tolist()
+    count = choose_distinct(found, count, distance, angle, found.index[0], found.index[1])
+    return np.asarray(found.index[1, :count]).tolist()
 
 
 cdef Py_ssize_t choose_distinct(Hypotheses found, Py_ssize_t most, double most_apart, double angle,
-                                Py_ssize_t[::1] chosen) except -1:
-    """Write the indices of the first hypotheses that differ from all chosen before, by a distance or an angle.
+                                Py_ssize_t[::1] flag, Py_ssize_t[::1] chosen) except -1:
+    """Choose the first hypotheses that differ from all chosen before, by a distance or an angle; return their number.
 
-    Their number is returned.
+    Their indices are written, and their flags set; other flags stay as they are.
     """
     cdef Py_ssize_t k, i, count = 0
     cdef bint differs
@@ -216,7 +216,7 @@ cdef Py_ssize_t choose_distinct(Hypotheses found, Py_ssize_t most, double most_a
                 differs = False
                 break
         if differs:
-            chosen[count] = k
+            chosen[count], flag[k] = k, True
             count += 1
     return count
 

@@ -23,11 +23,14 @@ from .drift import follow, judge, mean_of
 FEATURES = {
     'ring band filter': ({'advanced.filter.test': 'off'}, ('far_noise', 'lidars')),
     'noise by range': ({'advanced.scan.noise_ratio_max': 0.0}, ('far_noise',)),
+    'chains are clustered again': (
+        {'advanced.rotation.max_width': 0.0}, ('sparse', 'outages')),
     'end points': ({'advanced.translation.end_weight': 0.0}, ('sparse', 'bursts')),
     'shortest translations': ({'advanced.translation.shortest_rotations': 0}, ('bursts', 'lidars')),
     'free space': ({'advanced.density.violation_weight': 0.0}, ('sparse', 'outages')),
     'wide search': ({'advanced.selection.wide_search_factor': 1}, ('sparse', 'outages')),
     'landmarks': ({'advanced.selection.max_landmarks': 0}, ('outages',)),
+    'several candidates': ({'advanced.selection.top_candidates': 1}, ('sparse', 'bursts')),
     'search along a degenerate direction': (
         {'advanced.degeneracy.information_ratio': 0.0}, ('corridors', 'bursts')),
     'near-parallel walls in the alignment': (
@@ -53,6 +56,7 @@ FEATURES = {
     'gross outliers': ({'advanced.filter.gross_error': 0.0}, ('sparse', 'corridors')),
     'breakpoints by the noise': ({'advanced.segments.breakpoint_noise': 0.0}, ('lidars', 'sparse')),
     'pre-selection': ({'advanced.selection.preselected': 10000}, ('sparse', 'corridors')),
+    'score gap': ({'advanced.selection.max_score_gap': 2.0}, ('sparse', 'covered')),
     'key frames by angle': ({'advanced.odometry.key_frame_angle': 6.4}, ('sparse', 'narrow')),
 }
 """Feature -> parameters that switch it off, and the courses that should be worse without it."""

@@ -27,7 +27,7 @@ def lines(directions, lengths=None):
 
 
 def rotations(reference, current, parameters):
-    return estimate_rotations(reference, current, pair_weights(reference, current), parameters)
+    return estimate_rotations(reference, current, pair_weights(reference, current, parameters), parameters)
 
 
 def unweighted(reference, current, **changes):
@@ -68,6 +68,15 @@ def test_a_cluster_across_the_seam_is_one():
     assert len(found.phi) == 1
     assert found.weight[0] == 4.0
     assert abs(wrap(found.phi[0] - math.pi)) < 1e-9
+
+
+def test_a_chain_is_cut_where_a_width_is_given_and_never_without():
+    """Two motions 0.1 rad apart and a bridge between them."""
+    values = [0.0, 0.001, 0.002, 0.003, 0.035, 0.068, 0.1, 0.101, 0.102, 0.103]
+    whole = unweighted(*differences(values), eps=0.04, max_width=0.0)
+    assert len(whole.phi) == 1
+    parts = unweighted(*differences(values), eps=0.04, max_width=0.05)
+    np.testing.assert_allclose(np.sort(parts.phi[:2]), [0.0015, 0.1015], atol=1e-9)
 
 
 def test_no_more_hypotheses_than_asked_for_heaviest_first():

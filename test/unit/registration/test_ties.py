@@ -40,7 +40,7 @@ def walls(sides, rng=None):
 def test_motions_of_equal_weight_are_in_the_order_of_the_scan(rng, sides):
     """Each wall of the room fits each other one as well: there are as many rotations of equal weight as walls."""
     def motions(ours, theirs):
-        weights = pair_weights(ours, theirs)
+        weights = pair_weights(ours, theirs, P.rotation)
         rotations = estimate_rotations(ours, theirs, weights, P.rotation)
         found = estimate_translations(ours, theirs, rotations, weights, P.translation)
         assert len(rotations.phi) == min(sides, P.rotation.max_hypotheses)

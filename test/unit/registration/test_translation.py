@@ -27,7 +27,7 @@ ROOM = walls(*FOUR_WALLS)
 
 def translations(reference, current, parameters, **rotation):
     chosen = RotationParameters(**({'eps': 0.01, 'max_hypotheses': 1} | rotation))
-    weights = pair_weights(reference, current)
+    weights = pair_weights(reference, current, chosen)
     rotations = estimate_rotations(reference, current, weights, chosen)
     return estimate_translations(reference, current, rotations, weights, parameters)
 
@@ -51,7 +51,7 @@ def test_the_motion_is_among_the_heaviest_hypotheses_for_a_scanned_room(seed):
     parameters = Parameters()
     scans = [look(outline(L_ROOM), pose, noise=0.01, seed=seed + 10 * i) for i, pose in enumerate((SE2(), MOTION))]
     reference, current = (extract_features(scan).segments for scan in scans)
-    weights = pair_weights(reference, current)
+    weights = pair_weights(reference, current, parameters.rotation)
     rotations = estimate_rotations(reference, current, weights, parameters.rotation)
     found = estimate_translations(reference, current, rotations, weights, parameters.translation)
     off = np.abs(found.transform[:10] - MOTION.as_array())

@@ -141,7 +141,7 @@ def test_numbers_may_be_written_as_ros_takes_them(read, number):
     ('/**: {ros__parameters: {time: {max_jump: 0.5}}}', 'time.max_jump is now advanced.time.max_jump'),
     ('/**: {ros__parameters: {advanced.odometry.prior: none}}', 'advanced.odometry.prior is now prior.source'),
     ('/**: {ros__parameters: {advanced.translation.max_width: 0.1}}',
-     'advanced.translation.max_width is gone: no cluster is clustered again'),
+     'advanced.translation.max_width is gone: clusters of translations are never clustered again'),
     ('/**: {ros__parameters: {advanced: {segments: {join_gap: 0.5}}}}',
      'advanced.segments.join_gap is no parameter any more: it is 1.0 for every sensor, robot and building'),
     ('/**: {ros__parameters: {scan: {range_max: far}}}', "scan.range_max = 'far': expected a number"),

@@ -11,6 +11,6 @@ cdef class RotationClusters:
     cdef double eps
 
 
-cdef double[::1] weights_of(SegmentViews reference, SegmentViews current)
+cdef double[::1] weights_of(SegmentViews reference, SegmentViews current, parameters)
 cdef RotationClusters cluster_rotations(SegmentViews reference, SegmentViews current, const double[::1] weights,
                                         parameters)

@@ -14,26 +14,25 @@ from .clusters cimport NOISE
 
 # Limits [rad] of the neighbourhood radius from the k-dist graph: the step of a fine lidar, and twice that of a coarse one.
 cdef double EPS_MIN = 0.005, EPS_MAX = 0.05
-# Standard deviation [rad] of an angle difference at which a pair weighs half of its length.
-cdef double HALF_WEIGHT_SIGMA = 0.1
 
 
-def pair_weights(reference, current):
+def pair_weights(reference, current, parameters):
     """Return the weight ``(n, m)`` of each pair: its shorter length [m], less where the directions are uncertain."""
-    weights = weights_of(views_of_segments(reference), views_of_segments(current))
+    weights = weights_of(views_of_segments(reference), views_of_segments(current), parameters)
     return np.asarray(weights).reshape(len(reference), len(current))
 
 
-cdef double[::1] weights_of(SegmentViews reference, SegmentViews current):
+cdef double[::1] weights_of(SegmentViews reference, SegmentViews current, parameters):
     """Return the `pair_weights` row by row."""
-    cdef double variance
+    cdef double width = parameters.max_width, variance
     cdef double[::1] weight = np.empty(reference.size * current.size)
     cdef Py_ssize_t i, j, k = 0
     for i in range(reference.size):
         for j in range(current.size):
-            variance = reference.sigma[i] * reference.sigma[i] + current.sigma[j] * current.sigma[j]
             weight[k] = min(reference.length[i], current.length[j])
-            weight[k] /= 1.0 + variance / (HALF_WEIGHT_SIGMA * HALF_WEIGHT_SIGMA)
+            if width:
+                variance = reference.sigma[i] * reference.sigma[i] + current.sigma[j] * current.sigma[j]
+                weight[k] /= 1.0 + variance / (width * width)
             k += 1
     return weight
 
@@ -66,10 +65,11 @@ cdef RotationClusters cluster_rotations(SegmentViews reference, SegmentViews cur
     cdef Py_ssize_t n = reference.size, m = current.size, size = n * m, i, j, k
     cdef double period = 2.0 * M_PI
     cdef RotationClusters found = RotationClusters.__new__(RotationClusters)
-    cdef double[:, ::1] number = np.empty((6, size))
-    cdef Py_ssize_t[:, ::1] index = np.empty((4, size), np.intp)
-    cdef double[::1] samples = number[0]
-    cdef Py_ssize_t[::1] order = index[0], labels = index[1]
+    # Clusters that are clustered again keep their numbers: there are at most twice as many as samples.
+    cdef double[:, ::1] number = np.empty((6, 2 * size))
+    cdef Py_ssize_t[:, ::1] index = np.empty((6, 2 * size), np.intp)
+    cdef double[::1] samples = number[0, :size]
+    cdef Py_ssize_t[::1] order = index[0, :size], labels = index[1, :size]
     for i in range(n):
         for j in range(m):
             samples[i * m + j] = wrapped(reference.direction[i] - current.direction[j], period)  # Eq. 9
@@ -80,7 +80,7 @@ cdef RotationClusters cluster_rotations(SegmentViews reference, SegmentViews cur
             number[1, k] = samples[order[k]]
         found.eps = min(max(knee_of(ascending_k_distances(number[1, :size], max(parameters.min_samples - 1, 1))),
                             EPS_MIN), EPS_MAX)
-    cluster_angles(samples, order, labels, period, found.eps, parameters.min_samples)
+    cluster_angles(samples, order, labels, period, found.eps, parameters.min_samples, parameters.max_width)
     rank_rotations(found, weights, labels, period, parameters.max_hypotheses, number[1:], index[2:])
     return found
 
@@ -91,28 +91,29 @@ cdef int rank_rotations(RotationClusters found, const double[::1] sample_weight,
     cdef const double[::1] samples = found.difference
     cdef Py_ssize_t size = samples.shape[0], k, at, clusters = 0, count = 0
     cdef double[::1] mean = total[3], weight = total[4]
-    cdef Py_ssize_t[::1] order = work[0], rank = work[1]
+    cdef Py_ssize_t[::1] used = work[0], order = work[1], rank = work[3]
     for k in range(size):
         clusters = max(clusters, labels[k] + 1)
-    total[:3, :clusters] = 0.0
+    for at in range(clusters):
+        total[0, at], total[1, at], total[2, at], used[at] = 0.0, 0.0, 0.0, 0
     for k in range(size):
         at = labels[k]
         if at != NOISE:
             # Negative: the heaviest come first.
             total[0, at] -= sample_weight[k]
-            total[2, at] = samples[k]
+            total[2, at], used[at] = samples[k], 1
     for k in range(size):
         at = labels[k]
         if at != NOISE:
             total[1, at] += sample_weight[k] * wrapped(samples[k] - total[2, at], period)
-    sort_up_to_rounding(total[0, :clusters], order, rank)
-    # Samples of the lighter clusters are noise.
-    rank[:clusters] = NOISE
-    count = min(clusters, most)
-    for k in range(count):
-        at = order[k]
-        weight[k], rank[at] = -total[0, at], k
-        mean[k] = wrap(total[2, at] + total[1, at] / weight[k])
+    sort_up_to_rounding(total[0, :clusters], order, work[2])
+    for k in range(clusters):
+        at, rank[order[k]] = order[k], -1
+        # Numbers of clusters that were clustered again are unused.
+        if used[at] and count < most:
+            weight[count], rank[at] = -total[0, at], count
+            mean[count] = wrap(total[2, at] + total[1, at] / weight[count])
+            count += 1
     for k in range(size):
         labels[k] = NOISE if labels[k] == NOISE else rank[labels[k]]
     found.phi, found.weight, found.labels = mean[:count], weight[:count], labels
@@ -176,87 +177,118 @@ def dbscan_circle(samples, double eps, Py_ssize_t min_samples, double period):
     cdef Py_ssize_t[:, ::1] work = np.empty((2, values.shape[0]), np.intp)
     labels = np.empty(values.shape[0], np.intp)
     sort_stably(values, work[0], work[1])
-    cluster_angles(values, work[0], labels, period, eps, min_samples)
+    cluster_angles(values, work[0], labels, period, eps, min_samples, 0.0)
     return labels
 
 
 cdef int cluster_angles(const double[::1] samples, const Py_ssize_t[::1] order, Py_ssize_t[::1] labels, double period,
-                        double eps, Py_ssize_t min_samples) except -1:
-    """Cluster angles by DBSCAN."""
-    cdef Py_ssize_t size = samples.shape[0], at, count = 0
-    cdef Py_ssize_t[:, ::1] work = np.empty((3, size), np.intp)
-    cdef Py_ssize_t[::1] chain = work[0], rank = work[1], neighbours = work[2]
-    cdef unsigned char[::1] core = np.ones(size, np.uint8)
+                        double eps, Py_ssize_t min_samples, double max_width) except -1:
+    """Cluster angles by DBSCAN, and clusters wider than `max_width` again with half the neighbourhood."""
+    cdef Py_ssize_t size = samples.shape[0], level, at, count, chains, offset = 0, number = 0
+    cdef Py_ssize_t[:, ::1] work = np.empty((4, size), np.intp)
+    cdef Py_ssize_t[::1] chain = work[0], rank = work[1], place = work[2], neighbours = work[3]
+    cdef unsigned char[::1] chosen = np.ones(size, np.uint8), core = chosen
+    cdef double[:, ::1] limits = np.empty((3, size))
+    cdef double[::1] first = limits[0], low = limits[1], high = limits[2]
+    cdef double value
+    if min_samples > 1:
+        core = np.empty(size, np.uint8)
     with nogil:
-        if min_samples > 1:
-            flag_core_angles(samples, order, period, eps, min_samples, neighbours, core)
-        rank[:] = NOISE
-        cut_at_gaps(samples, order, core, chain, period, eps)
-        for at in range(size):
-            if core[at] and rank[chain[at]] == NOISE:
-                rank[chain[at]] = count
-                count += 1
-        if min_samples > 1:
-            add_border_angles(samples, order, core, rank, period, eps, chain)
-        for at in range(size):
-            labels[at] = NOISE if chain[at] == NOISE else rank[chain[at]]
+        for level in range(2):
+            if min_samples > 1:
+                number = flag_core_angles(samples, order, chosen, period, eps * 0.5 ** level, min_samples, place,
+                                          neighbours, core)
+            chains = cut_at_gaps(samples, order, core, chain, period, eps * 0.5 ** level)
+            for at in range(chains):
+                rank[at], low[at], high[at] = NOISE, 0.0, 0.0
+            count = 0
+            for at in range(size):
+                if core[at] and rank[chain[at]] == NOISE:
+                    rank[chain[at]] = count
+                    count += 1
+            if min_samples > 1:
+                add_border_angles(samples, place, number, core, rank, period, eps * 0.5 ** level, chain, chosen,
+                                  labels)
+            for at in range(size):
+                if chosen[at]:
+                    labels[at] = offset + rank[chain[at]]
+                    first[chain[at]] = samples[at]
+            if level or max_width <= 0.0:
+                break
+            for at in range(size):
+                if chosen[at]:
+                    value = wrapped(samples[at] - first[chain[at]], period)
+                    low[chain[at]], high[chain[at]] = min(low[chain[at]], value), max(high[chain[at]], value)
+            for at in range(size):
+                chosen[at] = chosen[at] and high[chain[at]] - low[chain[at]] > max_width
+            offset += count
     return 0
 
 
-cdef int flag_core_angles(const double[::1] samples, const Py_ssize_t[::1] order, double period, double eps,
-                          Py_ssize_t min_samples, Py_ssize_t[::1] neighbours, unsigned char[::1] core) except -1 nogil:
-    """Flag the samples with at least `min_samples` neighbours, themselves included."""
-    cdef Py_ssize_t size = samples.shape[0], k, n
-    neighbours[:] = 1
+cdef Py_ssize_t flag_core_angles(const double[::1] samples, const Py_ssize_t[::1] order,
+                                 const unsigned char[::1] chosen, double period, double eps, Py_ssize_t min_samples,
+                                 Py_ssize_t[::1] place, Py_ssize_t[::1] neighbours,
+                                 unsigned char[::1] core) except -1 nogil:
+    """Flag core samples; write the indices of the chosen samples in ascending order to `place`, return their number."""
+    cdef Py_ssize_t size = 0, k, n
+    for k in range(samples.shape[0]):
+        core[k] = False
+        if chosen[order[k]]:
+            place[size] = order[k]
+            neighbours[size] = 1
+            size += 1
     for k in range(size):
         for n in range(k + 1, k + size):
-            if ahead(samples, order, k, n, size, period) > eps:
+            if ahead(samples, place, k, n, size, period) > eps:
                 break
             neighbours[k] += 1
             neighbours[n % size] += 1
     for k in range(size):
         # Where eps exceeds a quarter of the circle, some are neighbours both ways.
-        core[order[k]] = min(neighbours[k], size) >= min_samples
-    return 0
+        core[place[k]] = min(neighbours[k], size) >= min_samples
+    return size
 
 
-cdef inline double ahead(const double[::1] samples, const Py_ssize_t[::1] order, Py_ssize_t k, Py_ssize_t n,
+cdef inline double ahead(const double[::1] samples, const Py_ssize_t[::1] place, Py_ssize_t k, Py_ssize_t n,
                          Py_ssize_t size, double period) except? -1.0 nogil:
     """Return how far the n-th of the samples in a row round the circle is ahead of the k-th, n at most k + size."""
     if n < size:
-        return samples[order[n]] - samples[order[k]]
-    return samples[order[n - size]] + period - samples[order[k]]
+        return samples[place[n]] - samples[place[k]]
+    return samples[place[n - size]] + period - samples[place[k]]
 
 
-cdef int add_border_angles(const double[::1] samples, const Py_ssize_t[::1] order, const unsigned char[::1] core,
-                           const Py_ssize_t[::1] rank, double period, double eps,
-                           Py_ssize_t[::1] chain) except -1 nogil:
-    """Write the chain of each border sample: the first one within `eps`; without one it is noise."""
-    cdef Py_ssize_t size = samples.shape[0], k, n, border, inner
+cdef int add_border_angles(const double[::1] samples, const Py_ssize_t[::1] place, Py_ssize_t size,
+                           const unsigned char[::1] core, const Py_ssize_t[::1] rank, double period, double eps,
+                           Py_ssize_t[::1] chain, unsigned char[::1] chosen, Py_ssize_t[::1] labels) except -1 nogil:
+    """Write the chain of each border sample: the first one within `eps`; without one it is noise, not chosen."""
+    cdef Py_ssize_t k, n, border, inner
     for k in range(size):
-        if not core[k]:
-            chain[k] = NOISE
+        if not core[place[k]]:
+            chain[place[k]] = NOISE
     for k in range(size):
         for n in range(k + 1, k + size):
-            if ahead(samples, order, k, n, size, period) > eps:
+            if ahead(samples, place, k, n, size, period) > eps:
                 break
-            border, inner = order[k], order[n % size]
+            border, inner = place[k], place[n % size]
             if core[border] == core[inner]:
                 continue
             if core[border]:
                 border, inner = inner, border
             if chain[border] == NOISE or rank[chain[inner]] < rank[chain[border]]:
                 chain[border] = chain[inner]
+    for k in range(size):
+        if chain[place[k]] == NOISE:
+            labels[place[k]], chosen[place[k]] = NOISE, False
     return 0
 
 
-cdef int cut_at_gaps(const double[::1] samples, const Py_ssize_t[::1] order, const unsigned char[::1] core,
-                     Py_ssize_t[::1] chain, double period, double eps) except -1 nogil:
-    """Write the chain of each core sample."""
+cdef Py_ssize_t cut_at_gaps(const double[::1] samples, const Py_ssize_t[::1] order, const unsigned char[::1] chosen,
+                            Py_ssize_t[::1] chain, double period, double eps) except -1 nogil:
+    """Write the chain of each chosen sample; return their number."""
     cdef Py_ssize_t k, at, count = 0, first = -1, last = -1
     for k in range(samples.shape[0]):
         at = order[k]
-        if not core[at]:
+        if not chosen[at]:
             continue
         if last < 0 or samples[at] - samples[last] > eps:
             count += 1
@@ -265,6 +297,7 @@ cdef int cut_at_gaps(const double[::1] samples, const Py_ssize_t[::1] order, con
         chain[at], last = count - 1, at
     if count > 1 and samples[first] + period - samples[last] <= eps:
         for at in range(samples.shape[0]):
-            if core[at] and chain[at] == count - 1:
+            if chosen[at] and chain[at] == count - 1:
                 chain[at] = 0
-    return 0
+        count -= 1
+    return count

@@ -50,7 +50,7 @@ def heaviest_motions(problem):
     p = problem.parameters
     cdef SegmentViews ours = views_of_segments(problem.reference.segments)
     cdef SegmentViews theirs = views_of_segments(problem.current.segments)
-    cdef double[::1] weights = weights_of(ours, theirs)
+    cdef double[::1] weights = weights_of(ours, theirs, p.rotation)
     cdef RotationClusters rotations = cluster_rotations(ours, theirs, weights, p.rotation)
     cdef TranslationClusters found = cluster_lines(ours, theirs, rotations.difference, rotations.phi, weights,
                                                    p.translation)
@@ -64,7 +64,7 @@ def near_motions(problem, prior):
     p = problem.parameters
     cdef SegmentViews ours = views_of_segments(problem.reference.segments)
     cdef SegmentViews theirs = views_of_segments(problem.current.segments)
-    cdef double[::1] weights = weights_of(ours, theirs)
+    cdef double[::1] weights = weights_of(ours, theirs, p.rotation)
     cdef RotationClusters rotations = cluster_rotations(ours, theirs, weights, p.rotation)
     cdef double[:, ::1] motion
     expected = prior.transform

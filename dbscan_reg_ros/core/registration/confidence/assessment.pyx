@@ -99,7 +99,8 @@ def assess(problem, Hypotheses found):
     cdef Findings evidence
     cdef Py_ssize_t h
     if found.size > 1:
-        found.select(found.index[0], choose_distinct(found, found.size, RIVAL_DISTANCE, RIVAL_ANGLE, found.index[0]))
+        found.select(found.index[1], choose_distinct(found, found.size, RIVAL_DISTANCE, RIVAL_ANGLE, found.index[0],
+                                                     found.index[1]))
     if found.size > 1:
         for h in range(found.size):
             assessor.examine(&found.rows[h], False, &evidence)
