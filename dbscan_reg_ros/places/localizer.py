@@ -241,17 +241,18 @@ class Localizer:
         aligned = self._matcher.align(starts, drive.hits)
         counts = self._matcher.count(aligned.poses, drive)
         places = compose(aligned.poses, np.repeat(latest[None], len(starts), axis=0))
-        kept = _distinct(places, -log_odds_alone(counts), SAME, SAME_TURN, KEPT)
+        alone = log_odds_alone(counts)
+        kept = _distinct(places, -alone, SAME, SAME_TURN, KEPT)
         odds = log_odds(counts[kept])
         order = np.argsort(-odds, kind='stable')
         kept = kept[order]
         self._hypotheses = aligned.poses[kept]
         self._probabilities, missed, outside = probabilities(odds[order], self._searched)
         self._elsewhere = missed + outside
-        if self._probabilities[0] >= CERTAIN:
+        if self._probabilities[0] >= CERTAIN and alone[kept[0]] > 0.0:
             self._state, self._transform = State.LOCALISED, self._hypotheses[0]
             self._covariance, self._middle = aligned.covariance(kept[0]), aligned.middle
-        elif self._probabilities.sum() >= CERTAIN:
+        elif self._probabilities[0] < CERTAIN <= self._probabilities.sum():
             self._state = State.AMBIGUOUS
         else:
             self._state = State.NOT_IN_MAP if outside >= CERTAIN else State.SEARCHING
